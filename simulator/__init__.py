@@ -1,0 +1,66 @@
+"""Voltage histories of interconnected dielectric-elastomer balloons.
+
+>>> from simulator import load_scenario, simulate
+>>> history = simulate(load_scenario("scenarios/fig5b_state_b.toml"))
+>>> history.outcome, [event.kind for event in history.events]
+
+Names are loaded when first used, so that ``import simulator`` costs next to nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from simulator.explanation import explain
+    from simulator.export import OutputError
+    from simulator.history import EnergyBalance, Event, EventKind, History, Outcome, SolverStatistics
+    from simulator.scenario import Scenario, ScenarioError, load_scenario
+    from simulator.simulation import SolverError, simulate
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "EnergyBalance",
+    "Event",
+    "EventKind",
+    "History",
+    "Outcome",
+    "OutputError",
+    "Scenario",
+    "ScenarioError",
+    "SolverError",
+    "SolverStatistics",
+    "explain",
+    "load_scenario",
+    "simulate",
+]
+
+_HOME = {
+    "EnergyBalance": "history",
+    "Event": "history",
+    "EventKind": "history",
+    "History": "history",
+    "Outcome": "history",
+    "OutputError": "export",
+    "Scenario": "scenario",
+    "ScenarioError": "scenario",
+    "SolverError": "simulation",
+    "SolverStatistics": "history",
+    "explain": "explanation",
+    "load_scenario": "scenario",
+    "simulate": "simulation",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,0 +1,177 @@
+"""The balloons of a scenario in numbers: their equations, and what is derived from a state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.drive import VoltageLine
+from simulator.elastomer import Elastomer, Gent, NeoHookean
+from simulator.model import AnyMembrane, ElectrodedMembrane, Membrane, OpenBalloon, SealedBalloons
+
+if TYPE_CHECKING:
+    from simulator.scenario import Balloon, Scenario
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Device:
+    """The balloons of a scenario, arrays of shape (n_balloons,).
+
+    `electroded` are the indices of the balloons with electrodes, `strength` their breakdown fields (None
+    where the scenario names none).
+    """
+
+    names: tuple[str, ...]
+    elastomers: tuple[Elastomer, ...]
+    radius: FloatArray
+    thickness: FloatArray
+    modulus: FloatArray
+    permittivity: FloatArray
+    electroded: tuple[int, ...]
+    strength: tuple[float | None, ...]
+    ambient: float
+
+    @classmethod
+    def from_scenario(cls, scenario: Scenario) -> Device:
+        """The device that a scenario describes."""
+        balloons = scenario.balloons
+        electroded = tuple(i for i, b in enumerate(balloons) if b.electrodes)
+        return cls(
+            names=tuple(b.name for b in balloons),
+            elastomers=tuple(_elastomer(b) for b in balloons),
+            radius=np.array([b.radius for b in balloons]),
+            thickness=np.array([b.thickness for b in balloons]),
+            modulus=np.array([b.modulus for b in balloons]),
+            permittivity=np.array([b.permittivity for b in balloons]),
+            electroded=electroded,
+            strength=tuple(b.breakdown.field if (b := balloons[i]).breakdown else None for i in electroded),
+            ambient=scenario.gas.ambient_pressure,
+        )
+
+    @cached_property
+    def walls(self) -> tuple[Membrane, ...]:
+        """The balloons' walls without voltages."""
+        return tuple(
+            Membrane(elastomer, float(r / (h * k)), float(k), float(r * r * h * k), float(r**3))
+            for elastomer, r, h, k in zip(
+                self.elastomers, self.radius, self.thickness, self.modulus, strict=True
+            )
+        )
+
+    def membrane(self, balloon: int, line: VoltageLine) -> AnyMembrane:
+        """One balloon's wall under its share of the voltages; without one, the bare wall."""
+        wall = self.walls[balloon]
+        if balloon not in self.electroded:
+            return wall
+        place = self.electroded.index(balloon)
+        offset, rate = line.offset[place], line.rate[place]
+        if offset == 0.0 and rate == 0.0:
+            return wall
+        h, k, e = self.thickness[balloon], self.modulus[balloon], self.permittivity[balloon]
+        capacitance = float(self.radius[balloon] ** 2 * e / h)
+        return ElectrodedMembrane(wall, float(2.0 * e / (h * h * k)), capacitance, float(h), offset, rate)
+
+    def sealed(self, amount: float, line: VoltageLine) -> SealedBalloons:
+        """Valve closed over `amount` of gas, voltages moving along `line`."""
+        return SealedBalloons(
+            tuple(self.membrane(i, line) for i in range(len(self.names))), amount, self.ambient
+        )
+
+    def actuated(self, balloon: int, pressure: float, line: VoltageLine) -> OpenBalloon:
+        """One balloon with the valve open at `pressure`, voltages moving along `line`."""
+        return OpenBalloon(self.membrane(balloon, line), pressure, 0.0)
+
+    def inflated(self, balloon: int, voltages: Sequence[float]) -> OpenBalloon:
+        """One balloon with the valve open under a moving pressure, voltages held."""
+        held = VoltageLine(tuple(voltages), (0.0,) * len(voltages))
+        return OpenBalloon(self.membrane(balloon, held), 0.0, 1.0)
+
+    def volume(self, stretch: FloatArray) -> FloatArray:
+        """V = Σ rᵢ³λᵢ³/3 of states (n, n_balloons), over 4πR³."""
+        return np.asarray(stretch**3 @ (self.radius**3 / 3.0))
+
+    def field(self, stretch: FloatArray, voltage: FloatArray) -> FloatArray:
+        """True electric fields φλ²/h, (n, n_electroded), over √(μ/ε)."""
+        chosen = list(self.electroded)
+        return np.asarray(voltage * stretch[:, chosen] ** 2 / self.thickness[chosen])
+
+    def charge(self, stretch: FloatArray, voltage: FloatArray) -> FloatArray:
+        """Charges r²(e/h)φλ⁴, (n, n_electroded), over 4πR²√(εμ)."""
+        chosen = list(self.electroded)
+        capacitance = self.radius[chosen] ** 2 * self.permittivity[chosen] / self.thickness[chosen]
+        return np.asarray(capacitance * voltage * stretch[:, chosen] ** 4)
+
+    def energy(
+        self,
+        stretch: FloatArray,
+        pressure: FloatArray,
+        voltage: FloatArray,
+        gas: FloatArray,
+        is_open: NDArray[np.bool_],
+    ) -> FloatArray:
+        """The potential Π of states (n,), with −pV for its gas terms where the valve is open."""
+        volume = self.volume(stretch)
+        elastic = sum(w.potential(x, 0.0) for w, x in zip(self.walls, stretch.T, strict=True))
+        electric = 0.5 * np.sum(self.charge(stretch, voltage) * voltage, axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            sealed = np.where(gas > 0.0, -gas * np.log(volume), 0.0) + self.ambient * volume
+        return np.asarray(elastic - electric + np.where(is_open, -pressure * volume, sealed))
+
+    def stability(
+        self,
+        stretch: FloatArray,
+        pressure: FloatArray,
+        voltage: FloatArray,
+        gas: FloatArray,
+        is_open: NDArray[np.bool_],
+    ) -> FloatArray:
+        """Smallest eigenvalue of the Hessian of Π in the stretches, (n,)."""
+        diagonal = np.empty_like(stretch)
+        line = VoltageLine((0.0,) * len(self.electroded), (1.0,) * len(self.electroded))
+        for i, (wall, x) in enumerate(zip(self.walls, stretch.T, strict=True)):
+            membrane = self.membrane(i, line)
+            v = voltage[:, self.electroded.index(i)] if i in self.electroded else 0.0
+            force, slope, _, _ = membrane.linearised(x, pressure, v)
+            _, denominator = wall.elastomer.pole_form(x)
+            _, denominator_slope = wall.elastomer.pole_form_slope(x)
+            # ∂g/∂λ from R = Dg, also right where g is not zero (states in which a snap lost its tension).
+            diagonal[:, i] = wall.weight * (slope - force / denominator * denominator_slope) / denominator
+        arms = self.radius**3 * stretch**2
+        coupling = np.where(is_open, 0.0, gas / self.volume(stretch) ** 2)
+        return smallest_eigenvalue(diagonal, coupling, arms)
+
+
+def smallest_eigenvalue(diagonal: FloatArray, coupling: FloatArray, arms: FloatArray) -> FloatArray:
+    """Smallest eigenvalues of diag(d) + c a aᵀ for n matrices: d and a of shape (n, k), c of shape (n,)."""
+    count = diagonal.shape[1]
+    if count == 1:
+        return np.asarray(diagonal[:, 0] + coupling * arms[:, 0] ** 2)
+    if count == 2:
+        # det/λ_max: the plain formula ½(tr − √…) cancels where one balloon is near its stretch limit.
+        x, y = (diagonal + coupling[:, None] * arms**2).T
+        cross = coupling * arms[:, 0] * arms[:, 1]
+        root = np.hypot(0.5 * (x - y), cross)
+        mean = 0.5 * (x + y)
+        determinant = diagonal[:, 0] * diagonal[:, 1] + coupling * (
+            diagonal[:, 0] * arms[:, 1] ** 2 + diagonal[:, 1] * arms[:, 0] ** 2
+        )
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(np.where(mean > 0.0, determinant / (mean + root), mean - root))
+    matrices = coupling[:, None, None] * arms[:, :, None] * arms[:, None, :]
+    index = np.arange(count)
+    matrices[:, index, index] += diagonal
+    return np.asarray(np.linalg.eigvalsh(matrices)[:, 0])
+
+
+def _elastomer(balloon: Balloon) -> Elastomer:
+    chosen = balloon.elastomer
+    if chosen.model == "gent":
+        return Gent(chosen.J_lim)
+    return NeoHookean()

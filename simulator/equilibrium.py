@@ -1,0 +1,192 @@
+"""Newton's method on the equilibrium equations: many states at once, or one event to the last bit.
+
+States are columns: an array of n states has shape (n_unknowns, n). Every function returns states that
+solve the equations to rounding, or says that it could not.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.events import Condition, softest_mode
+from simulator.model import Equations
+
+FloatArray = NDArray[np.float64]
+
+#: A residual this small, of terms of order one, cannot be told from zero.
+ROUNDING = 1e-14
+_ITERATIONS = 14
+
+
+class NotConverged(ArithmeticError):
+    """Newton's method did not reach a state; the caller repairs it (shorter steps) or gives up."""
+
+
+def linearised(equations: Equations, states: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Residuals (n, n_unknowns − 1) and their Jacobians (n, n_unknowns − 1, n_unknowns) of n states."""
+    unknowns, count = states.shape
+    residual, rows = equations.linearised(states)
+    right = np.empty((count, unknowns - 1))
+    matrices = np.zeros((count, unknowns - 1, unknowns))
+    for i, row in enumerate(rows):
+        right[:, i] = residual[i]
+        for j, entry in enumerate(row):
+            if not isinstance(entry, float) or entry:
+                matrices[:, i, j] = entry
+    return right, matrices
+
+
+def on_planes(
+    equations: Equations, guesses: FloatArray, normals: FloatArray, accuracy: float = np.inf
+) -> tuple[FloatArray, FloatArray]:
+    """The states of the curve on planes through the guesses, and how they move as the planes move.
+
+    Parameters
+    ----------
+    equations
+    guesses, normals : (n_unknowns, n) arrays
+        With normals along the last axis these are the states at given v.
+    accuracy : float
+        Accuracy wanted of the rates; the states are always right to rounding.
+
+    Returns
+    -------
+    states, rates : (n_unknowns, n) arrays
+        `rates` is tangent to the curve, with normal · rate = 1.
+
+    Raises
+    ------
+    NotConverged
+        If any state did not converge.
+    """
+    states = guesses.copy()
+    unknowns, count = states.shape
+    scales = equations.scales[:, None]
+    matrices = np.empty((count, unknowns, unknowns))
+    matrices[:, -1, :] = normals.T
+    right = np.zeros((count, unknowns, 2))
+    right[:, -1, 1] = 1.0
+    before = np.full(count, np.nan)  # unknown: no first step is believed
+    for _ in range(_ITERATIONS):
+        residual, matrices[:, :-1, :] = linearised(equations, states)
+        right[:, :-1, 0] = residual
+        try:
+            solved = np.linalg.solve(matrices, right)
+        except np.linalg.LinAlgError:
+            break
+        step = solved[:, :, 0].T
+        states -= step
+        size = np.max(np.abs(step) / np.maximum(np.abs(states), scales), axis=0)
+        if not size.max() < 1e3:  # also where it is not a number
+            break
+        # Newton's method squares the error: the next step would be about size³/before². Beside a fold
+        # rounding keeps the steps larger than that, and the residual tells.
+        done = (size**3 <= 1e-15 * before**2) & (size <= accuracy) | (size <= 4e-15)
+        if done.all() or np.all(done | (np.abs(residual).max(axis=1) <= ROUNDING)):
+            return states, np.asarray(solved[:, :, 1].T)
+        before = size
+    raise NotConverged("states on given planes")
+
+
+def at_drive(equations: Equations, guesses: FloatArray) -> FloatArray:
+    """The states at the guesses' own v. Raises NotConverged."""
+    normals = np.zeros_like(guesses)
+    normals[-1] = 1.0
+    return on_planes(equations, guesses, normals)[0]
+
+
+def tangents(equations: Equations, states: FloatArray, towards: FloatArray) -> FloatArray:
+    """Unit tangents of the curve (in scaled unknowns) at n states, on the side of `towards`."""
+    weights = 1.0 / equations.scales[:, None] ** 2
+    matrices = np.empty((states.shape[1], states.shape[0], states.shape[0]))
+    matrices[:, :-1, :] = linearised(equations, states)[1]
+    matrices[:, -1, :] = (weights * towards).T
+    right = np.zeros((states.shape[1], states.shape[0], 1))
+    right[:, -1] = 1.0
+    return unit(equations, np.asarray(np.linalg.solve(matrices, right)[:, :, 0].T))
+
+
+def tangent_at_end(equations: Equations, state: FloatArray, towards: FloatArray) -> FloatArray:
+    """Unit tangent at one state on the side of `towards`, also at a branch point, where two curves cross."""
+    scales = equations.scales
+    matrix = (
+        np.array([*equations.linearised(state.tolist())[1], towards / scales**2], dtype=np.float64) * scales
+    )
+    right = np.zeros(state.size)
+    right[-1] = 1.0
+    found = scales * np.linalg.lstsq(matrix, right, rcond=1e-9)[0]
+    return unit(equations, found[:, None])[:, 0]
+
+
+def unit(equations: Equations, directions: FloatArray) -> FloatArray:
+    """Directions (n_unknowns, n) made of unit length in scaled unknowns."""
+    scaled = directions / equations.scales[:, None]
+    return np.asarray(directions / np.sqrt(np.einsum("ij,ij->j", scaled, scaled)))
+
+
+def at_event(equations: Equations, condition: Condition, guess: FloatArray) -> FloatArray:
+    """The state of the curve at which a condition is zero, shape (n_unknowns,), to rounding.
+
+    Solved by Newton on [residual, margin] = 0; at a branch point the system is consistent but singular
+    across the branch, hence least squares.
+
+    Raises
+    ------
+    NotConverged
+        If the residual or the margin does not vanish.
+    """
+    state = guess.copy()
+    scales = equations.scales
+    before = np.nan  # unknown: no first step is believed
+    for _ in range(2 * _ITERATIONS):
+        values = state.tolist()
+        residual, rows = equations.linearised(values)
+        defect = np.array([*residual, condition.margin(values)])
+        if not np.all(np.isfinite(defect)):
+            break
+        matrix = np.array([*rows, condition.slope(state)], dtype=np.float64) * scales
+        step = np.linalg.lstsq(matrix, defect, rcond=1e-9)[0]
+        state = state - scales * step
+        size = float(np.max(np.abs(step) / np.maximum(np.abs(state / scales), 1.0)))
+        settled = size <= 4e-15 or size**3 <= 1e-15 * before**2
+        if settled or (not size < 0.5 * before and np.abs(defect).max() <= ROUNDING):
+            return np.asarray(state)
+        before = size
+    raise NotConverged(f"state at a {condition.kind}")
+
+
+def is_fold(equations: Equations, state: FloatArray) -> bool:
+    """Whether the drive pushes a singular point along its soft mode: a limit point (else a branch point)."""
+    matrix = np.array(equations.linearised(state.tolist())[1], dtype=np.float64)
+    left = np.linalg.svd(matrix[:, :-1])[0][:, -1]
+    push = abs(float(left @ matrix[:, -1])) * equations.scales[-1]
+    return bool(push > 1e-7 * float(np.abs(matrix[:, -1]).max() * equations.scales[-1] + 1e-300))
+
+
+def escape_direction(equations: Equations, state: FloatArray, direction: float) -> FloatArray:
+    """How the stretches leave a fold when the drive goes on: the soft mode, on the downhill side.
+
+    Parameters
+    ----------
+    state : (n_unknowns,) array
+        A limit point.
+    direction : ±1
+        Sense in which v moves.
+
+    Returns
+    -------
+    (n_balloons,) array
+        Change of the stretches, unit length.
+    """
+    values = state.tolist()
+    mode = softest_mode(equations, state)
+    walls = equations.walls
+    denominators = np.array([w.elastomer.pole_form(x)[1] for w, x in zip(walls, values, strict=False)])
+    weights = np.array([w.weight for w in walls])
+    # S = T H T: the mode z of S is the mode T z of H, and R's push on it is Σ z √(weight/D) ∂R/∂v.
+    push = np.array([row[-1] for row in equations.linearised(values)[1][: len(walls)]], dtype=np.float64)
+    scale = np.sqrt(np.maximum(denominators, 1e-300) / weights)
+    away = -np.sign(direction * (mode * np.sqrt(weights / np.maximum(denominators, 1e-300))) @ push)
+    change = (away if away else 1.0) * scale * mode
+    return np.asarray(change / np.linalg.norm(change))

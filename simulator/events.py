@@ -1,0 +1,130 @@
+"""What can end a branch: conditions on the state, as data.
+
+A condition is a pure function of the state y, positive while all is well and falling through zero at the
+event. IDA evaluates it between residual calls, so it must compute from its arguments alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.elastomer import Number
+from simulator.model import ElectrodedMembrane, Equations, OpenBalloon, SealedBalloons, State
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One condition: `margin(y)` falls through zero at the event `kind`.
+
+    `margin` takes floats, complex numbers or rows of arrays; `slope(y)` is its gradient at one state.
+    """
+
+    kind: str
+    margin: Callable[[State], Number]
+    slope: Callable[[FloatArray], FloatArray]
+
+
+def conditions(
+    equations: SealedBalloons | OpenBalloon, strengths: Sequence[float | None]
+) -> tuple[Condition, ...]:
+    """The conditions that apply to a set of equations, stability first.
+
+    `strengths` are the breakdown fields of its balloons, None where there is none.
+    """
+    found = [stability(equations)]
+    if isinstance(equations, SealedBalloons):
+        found.append(tension(equations))
+        membranes: Sequence[object] = equations.membranes
+    else:
+        membranes = (equations.membrane,)
+    for place, (membrane, strength) in enumerate(zip(membranes, strengths, strict=True)):
+        if strength is not None and isinstance(membrane, ElectrodedMembrane):
+            found.append(intactness(membrane, place, strength))
+    return tuple(found)
+
+
+def stability(equations: Equations) -> Condition:
+    """Smallest eigenvalue of the scaled Hessian S; zero at limit points and branch points."""
+
+    def margin(y: State) -> Number:
+        diagonal, squares = equations.stiffness(y)
+        return _smallest_eigenvalue(diagonal, squares)
+
+    def slope(y: FloatArray) -> FloatArray:
+        mode = softest_mode(equations, y)
+        arms = np.sqrt(np.maximum(equations.stiffness(y.tolist())[1], 0.0))
+        out = np.empty(y.size)
+        for j in range(y.size):
+            diagonal, squares = equations.stiffness(_complex_step(y, j))
+            turn = np.divide(np.imag(squares), 2.0 * arms, out=np.zeros_like(arms), where=arms > 0.0)
+            out[j] = (mode**2 @ np.imag(diagonal) + 2.0 * (mode @ arms) * (mode @ turn)) / _STEP
+        return out
+
+    return Condition("limit_point", margin, slope)
+
+
+def tension(equations: SealedBalloons) -> Condition:
+    """The pressure; at zero the membranes go slack."""
+    place = len(equations.membranes)
+
+    def slope(y: FloatArray) -> FloatArray:
+        out = np.zeros(y.size)
+        out[place] = 1.0
+        return out
+
+    return Condition("loss_of_tension", lambda y: y[place], slope)
+
+
+def intactness(membrane: ElectrodedMembrane, place: int, strength: float) -> Condition:
+    """1 − (E/E_b)² of one electroded balloon; at zero its film breaks down."""
+
+    def margin(y: State) -> Number:
+        field = membrane.field(y[place], y[-1]) / strength
+        return 1.0 - field * field
+
+    def slope(y: FloatArray) -> FloatArray:
+        return np.array([np.imag(margin(_complex_step(y, j))) / _STEP for j in range(y.size)])
+
+    return Condition("breakdown", margin, slope)
+
+
+_STEP = 1e-30
+
+
+def _complex_step(y: FloatArray, j: int) -> list[complex]:
+    stepped: list[complex] = y.tolist()
+    stepped[j] += 1j * _STEP
+    return stepped
+
+
+def softest_mode(equations: Equations, y: FloatArray) -> FloatArray:
+    """Unit eigenvector of S at one state for its smallest eigenvalue, shape (n_balloons,)."""
+    diagonal, squares = equations.stiffness(y.tolist())
+    arms = np.sqrt(np.maximum(squares, 0.0))
+    _, vectors = np.linalg.eigh(np.diag(diagonal) + np.outer(arms, arms))
+    return np.asarray(vectors[:, 0])
+
+
+def _smallest_eigenvalue(diagonal: list[Number], squares: list[Number]) -> Number:
+    if len(diagonal) == 1:
+        return diagonal[0] + squares[0]
+    if len(diagonal) == 2:
+        (d, e), (s, t) = diagonal, squares
+        half = 0.5 * (d + s - e - t)
+        square = half * half + s * t
+        # D, and with it s or t, can be a rounding error below zero at the stretch limit.
+        root = math.sqrt(max(square, 0.0)) if isinstance(square, float) else np.sqrt(np.maximum(square, 0.0))
+        return 0.5 * (d + s + e + t) - root
+    arms = np.sqrt(np.maximum(np.asarray(squares).T, 0.0))
+    matrices = arms[..., :, None] * arms[..., None, :]
+    index = np.arange(len(diagonal))
+    matrices[..., index, index] += np.asarray(diagonal).T
+    smallest = np.linalg.eigvalsh(matrices)[..., 0]
+    return float(smallest) if smallest.ndim == 0 else smallest

@@ -1,0 +1,148 @@
+"""What a scenario is made of, in words: what each step assembles, and what was left out and why.
+
+Nothing is solved. The text is read off the same assembly that a run uses.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from simulator import assembly
+from simulator.device import Device
+from simulator.model import ElectrodedMembrane, Membrane, SealedBalloons
+from simulator.scenario import Hold, Inflate, Jump, duration
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from simulator.assembly import Group
+    from simulator.scenario import PlayedStep, Scenario
+
+_MOST_STEPS = 24
+
+
+def explain(scenario: Scenario) -> str:
+    """Unknowns, equations, events and smooth pieces of every step, and what a scenario leaves out.
+
+    Parameters
+    ----------
+    scenario : Scenario
+
+    Returns
+    -------
+    str
+        Plain text, several lines.
+    """
+    return "\n".join(_lines(scenario))
+
+
+def _lines(scenario: Scenario) -> Iterator[str]:
+    device = Device.from_scenario(scenario)
+    yield scenario.title
+    yield ""
+    yield "Balloons"
+    for balloon in scenario.balloons:
+        elastomer = ", ".join(f"{key} = {value}" for key, value in balloon.elastomer.model_dump().items())
+        sizes = f"r = {balloon.radius:g}, h = {balloon.thickness:g}, k = {balloon.modulus:g}"
+        electrodes = f", electrodes, e = {balloon.permittivity:g}" if balloon.electrodes else ""
+        yield f"  {balloon.name}: {sizes}{electrodes}; {elastomer}"
+    yield ""
+    yield "Steps"
+    voltage: Sequence[float] = [0.0] * len(device.electroded)
+    pressure = 0.0
+    seen: set[str] = set()
+    steps = list(scenario.played_steps())
+    for number, step in enumerate(steps, start=1):
+        if number > _MOST_STEPS:
+            yield f"  … and {len(steps) - _MOST_STEPS} more steps"
+            break
+        line, waveform = assembly.motion(step, scenario.electroded, voltage, pressure)
+        opens = isinstance(step, Inflate) or step.valve == "open"
+        if isinstance(step, Inflate):
+            groups = assembly.inflating(device, voltage)
+        elif opens:
+            groups = assembly.actuated_open(device, line, pressure=pressure)
+        else:
+            groups = assembly.actuated(device, line, amount=1.0)
+        moves = isinstance(step, Jump) or bool((waveform.values != waveform.values[0]).any())
+        yield from _step(number, step, waveform.fractions.size - 1, groups if moves else [], device)
+        for group in groups if moves else []:
+            seen |= {condition.kind for condition in group.conditions}
+        if isinstance(step, Inflate):
+            pressure = step.inflate
+        else:
+            voltage = line.at(float(waveform.values[-1])).tolist() if moves else voltage
+    yield ""
+    yield "Left out"
+    yield from (f"  {reason}" for reason in _left_out(scenario, steps, seen))
+
+
+def _step(number: int, step: PlayedStep, pieces: int, groups: list[Group], device: Device) -> Iterator[str]:
+    valve = "open" if isinstance(step, Inflate) else step.valve
+    kind = type(step).__name__.lower()
+    if not groups:
+        why = "nothing moves" if not isinstance(step, Hold) else "everything is kept"
+        yield f"  {number}. {kind}, {duration(step):g} long, valve {valve}: {why}; nothing is integrated"
+        return
+    if isinstance(step, Jump):
+        yield f"  {number}. jump, valve {valve}: the overdamped flow at the new voltage"
+    else:
+        plural = "piece" if pieces == 1 else "pieces"
+        yield f"  {number}. {kind}, {duration(step):g} long, valve {valve}: {pieces} smooth {plural}"
+    at_once = isinstance(step, Jump)
+    for group in groups:
+        drive = [] if at_once else ["pressure (driven)" if isinstance(step, Inflate) else "voltage (driven)"]
+        yield f"     unknowns   {', '.join(_unknowns(group, device) + drive)}"
+        for equation in _equations(group, device):
+            yield f"     equation   {equation}"
+        kinds = dict.fromkeys(c.kind for c in group.conditions[1 if at_once else 0 :])
+        yield f"     events     {', '.join(kinds) or 'none'}"
+
+
+def _unknowns(group: Group, device: Device) -> list[str]:
+    names = [f"stretch_{device.names[i]}" for i in group.members]
+    if group.equations.has_pressure:
+        names.append("pressure")
+    return names
+
+
+def _equations(group: Group, device: Device) -> Iterator[str]:
+    equations = group.equations
+    sealed = isinstance(equations, SealedBalloons)
+    membranes = equations.membranes if isinstance(equations, SealedBalloons) else (equations.membrane,)
+    for place, membrane in zip(group.members, membranes, strict=True):
+        name = device.names[place]
+        wall = membrane if isinstance(membrane, Membrane) else membrane.wall
+        terms = f"{_factor(wall.modulus)}f(λ) − {_factor(device.radius[place] / device.thickness[place])}p λ²"
+        if isinstance(membrane, ElectrodedMembrane):
+            e, h = device.permittivity[place], device.thickness[place]
+            terms += f" − {2.0 * e / h**2:g} φ² λ³"
+        yield f"force balance of {name}: {terms} = 0"
+    if sealed:
+        yield f"gas: (p + {device.ambient:g}) Σ r³λ³/3 = n"
+
+
+def _factor(value: float) -> str:
+    return "" if value == 1.0 else f"{value:g} "
+
+
+def _left_out(scenario: Scenario, steps: Sequence[PlayedStep], seen: set[str]) -> Iterator[str]:
+    closed = any(not isinstance(s, Inflate | Hold) and s.valve == "closed" for s in steps)
+    if not scenario.electroded:
+        yield "electrical terms: no balloon has electrodes"
+    elif len(scenario.electroded) < len(scenario.balloons):
+        bare = [b.name for b in scenario.balloons if not b.electrodes]
+        yield f"electrical terms of {', '.join(bare)}: no electrodes"
+    if not closed:
+        yield "gas law and coupling: no voltage moves with the valve closed"
+    if len(scenario.balloons) == 1:
+        yield "coupling: there is one balloon"
+    if "loss_of_tension" not in seen and closed:
+        yield "loss of tension: nothing moves with the valve closed"
+    if "breakdown" not in seen:
+        named = any(b.breakdown for b in scenario.balloons)
+        yield "breakdown: " + (
+            "no voltage on the balloon that names it" if named else "no balloon names a field"
+        )
+    if any(isinstance(s, Hold) for s in steps):
+        yield "integration of holds: the state is kept, and copied"

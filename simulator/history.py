@@ -1,0 +1,185 @@
+"""The immutable result of a run: samples, events and how it ended.
+
+Nothing is computed here. `to_dataframe`, `to_csv` and `plot` are doors: each imports the room
+behind it (`export`, `plot`) when it is called, so that a run which needs no table loads no pandas.
+All quantities are dimensionless, see `docs/physics.md`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from os import PathLike
+    from pathlib import Path
+
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from simulator.scenario import Scenario
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+class EventKind(StrEnum):
+    """What can happen on the way; the first two snap or leave a branch, the rest are named as they are."""
+
+    LIMIT_POINT = "limit_point"
+    BRANCH_POINT = "branch_point"
+    JUMP = "jump"
+    LOSS_OF_TENSION = "loss_of_tension"
+    BREAKDOWN = "breakdown"
+    RUNAWAY = "runaway"
+
+
+class Outcome(StrEnum):
+    """How a history ended. Everything but `FAILED` is physics, and a result."""
+
+    COMPLETED = "completed"
+    LOSS_OF_TENSION = "loss_of_tension"
+    BREAKDOWN = "breakdown"
+    RUNAWAY = "runaway"
+    FAILED = "failed"  # the solver gave up; the history up to there is kept, as partial
+
+
+@dataclass(frozen=True)
+class Event:
+    """One event with both sides of its jump; the `after` side is None where the history ends.
+
+    Attributes
+    ----------
+    time, step, kind
+        When, in which step (from 1, cycles unrolled), and what.
+    voltage : (n_electroded,) array
+        Voltages after the event (a `jump` changes them, nothing else does).
+    stretch_before, stretch_after : (n_balloons,) arrays
+    pressure_before, pressure_after : float
+    field_before, field_after : (n_electroded,) arrays
+        True electric fields.
+    dissipated : float or None
+        Potential lost in the jump, Π before − Π after at the drive of the event. None where there
+        is no after side.
+    """
+
+    time: float
+    step: int
+    kind: EventKind
+    voltage: FloatArray
+    stretch_before: FloatArray
+    stretch_after: FloatArray | None
+    pressure_before: float
+    pressure_after: float | None
+    field_before: FloatArray
+    field_after: FloatArray | None
+    dissipated: float | None
+
+
+@dataclass(frozen=True)
+class EnergyBalance:
+    """The books of a history, in units of 4πR²Hμ; see `docs/physics.md`.
+
+    `electrical_work` is ∫Σφ dq, `gas_work` is ∫p dV of the supply while the valve is open,
+    `stored` the change of Π + Σφq, `dissipated` what the jumps lost. `imbalance` is what is left
+    over, `exchanged` the work that went to and fro (∫|·|), against which it is to be judged.
+    """
+
+    electrical_work: float
+    gas_work: float
+    stored: float
+    dissipated: float
+    imbalance: float
+    exchanged: float
+
+    @property
+    def relative_imbalance(self) -> float:
+        """|imbalance| over the work exchanged; 0 where nothing was exchanged."""
+        return abs(self.imbalance) / self.exchanged if self.exchanged else 0.0
+
+
+@dataclass(frozen=True)
+class SolverStatistics:
+    """What the run cost."""
+
+    ida_solves: int
+    ida_steps: int
+    residual_calls: int
+    jacobian_calls: int
+    branches: int
+    snaps: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class History:
+    """Samples, events and outcome of one run.
+
+    Attributes
+    ----------
+    scenario : Scenario
+    balloons, electroded : tuple of str
+        Names of all balloons and of those with electrodes, in the order of the columns below.
+    time, step, branch : (n_samples,) arrays
+        `step` counts from 1 with cycles unrolled, `branch` counts jumps from 0.
+    voltage, field, charge : (n_samples, n_electroded) arrays
+    stretch : (n_samples, n_balloons) array
+    pressure, volume, gas, energy, stability : (n_samples,) arrays
+        `gas` is the amount (p + pₑ)V, `energy` the potential Π (with −pV for its gas terms while
+        the valve is open), `stability` the smallest eigenvalue of its Hessian.
+    events : tuple of Event
+    outcome : Outcome
+    energy_balance : EnergyBalance
+    statistics : SolverStatistics
+    """
+
+    scenario: Scenario
+    balloons: tuple[str, ...]
+    electroded: tuple[str, ...]
+    time: FloatArray
+    step: IntArray
+    branch: IntArray
+    voltage: FloatArray
+    stretch: FloatArray
+    pressure: FloatArray
+    volume: FloatArray
+    gas: FloatArray
+    field: FloatArray
+    charge: FloatArray
+    energy: FloatArray
+    stability: FloatArray
+    events: tuple[Event, ...]
+    outcome: Outcome
+    energy_balance: EnergyBalance
+    statistics: SolverStatistics
+
+    def __len__(self) -> int:
+        return int(self.time.size)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """The samples as a table, one row each, with the columns of `history.csv`."""
+        from simulator.export import history_table
+
+        return history_table(self)
+
+    def events_to_dataframe(self) -> pd.DataFrame:
+        """The events as a table, one row each, with the columns of `events.csv`."""
+        from simulator.export import events_table
+
+        return events_table(self)
+
+    def to_csv(self, directory: str | PathLike[str]) -> list[Path]:
+        """Write `history.csv`, `events.csv` and `run.json` into `directory`; return their paths."""
+        from simulator.export import write_run
+
+        return write_run(self, directory)
+
+    def plot(self) -> Figure:
+        """Draw the drive and stretches in time, and the stretch–voltage loop with its snaps dashed."""
+        from simulator.plot import plot_history
+
+        return plot_history(self)

@@ -1,0 +1,367 @@
+"""The equations: membranes, and the two sets that they are composed into.
+
+The unknowns of a set of equations are y = (stretches…, [pressure], v): the stretches of the balloons that
+feel each other, the gas pressure where it is unknown, and last the coordinate v of the drive (a voltage or,
+while inflating, the pressure). There are one fewer equations than unknowns, so they define a curve, the
+equilibrium path.
+
+Two sets of equations exist. `SealedBalloons`: valve closed, all balloons on one fixed amount of gas.
+`OpenBalloon`: valve open, the pressure is given, balloons do not feel each other and each has its own.
+Both are composed of membranes; a membrane without a voltage has no electrical term at all.
+
+Every force balance is divided by kᵢ and multiplied through by the denominator D of the elastomer's force,
+
+    Rᵢ = N(λᵢ) − D(λᵢ) [aᵢ p λᵢ² + bᵢ φᵢ² λᵢ³] = D gᵢ/kᵢ,    a = r/(hk),  b = 2e/(h²k),
+
+which stays smooth at the limiting stretch, where gᵢ itself has a pole. Methods take y as a sequence of
+floats, complex numbers, or rows of arrays, and compute with whatever they are given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.elastomer import Elastomer, Number
+
+FloatArray = NDArray[np.float64]
+Rows = list[list[Number]]
+# Unknowns y in order: floats, complex numbers, or rows of arrays.
+State = Sequence[Number] | FloatArray
+
+
+@dataclass(frozen=True)
+class Membrane:
+    """A balloon's wall without a voltage.
+
+    `pressure_load` is a = r/(hk), `modulus` k, `weight` r²hk (energy of the wall), `cube` r³ (volume).
+    """
+
+    elastomer: Elastomer
+    pressure_load: float
+    modulus: float
+    weight: float
+    cube: float
+
+    def force(self, stretch: Number, pressure: Number, v: Number) -> Number:
+        """R, see the head of this file."""
+        numerator, denominator = self.elastomer.pole_form(stretch)
+        return numerator - denominator * (self.pressure_load * pressure * stretch * stretch)
+
+    def linearised(
+        self, stretch: Number, pressure: Number, v: Number
+    ) -> tuple[Number, Number, Number, Number]:
+        """R and ∂R/∂(λ, p, v)."""
+        numerator, denominator = self.elastomer.pole_form(stretch)
+        numerator_slope, denominator_slope = self.elastomer.pole_form_slope(stretch)
+        per_pressure = self.pressure_load * stretch * stretch
+        load = per_pressure * pressure
+        return (
+            numerator - denominator * load,
+            numerator_slope - denominator_slope * load - denominator * (2.0 * load / stretch),
+            -denominator * per_pressure,
+            0.0,
+        )
+
+    def potential(self, stretch: Number, v: Number) -> Number:
+        """Elastic energy r²hk ŵ."""
+        return self.weight * self.elastomer.energy(stretch)
+
+    def charge_rate(self, stretch: Number, v: Number) -> Number:
+        """q dφ/dv: no voltage, 0."""
+        return 0.0
+
+    def supplied(self, stretch: Number, v: Number) -> Number:
+        """φq: no voltage, 0."""
+        return 0.0
+
+
+@dataclass(frozen=True)
+class ElectrodedMembrane:
+    """A balloon's wall with electrodes, under the voltage φ = offset + rate·v.
+
+    Besides the `wall`: `electric_load` is b = 2e/(h²k), `capacitance` r²e/h (so that q = capacitance φ λ⁴),
+    `thickness` h.
+    """
+
+    wall: Membrane
+    electric_load: float
+    capacitance: float
+    thickness: float
+    offset: float
+    rate: float
+
+    def force(self, stretch: Number, pressure: Number, v: Number) -> Number:
+        """R, see the head of this file."""
+        wall = self.wall
+        numerator, denominator = wall.elastomer.pole_form(stretch)
+        voltage = self.offset + self.rate * v
+        load = wall.pressure_load * pressure + self.electric_load * voltage * voltage * stretch
+        return numerator - denominator * load * stretch * stretch
+
+    def linearised(
+        self, stretch: Number, pressure: Number, v: Number
+    ) -> tuple[Number, Number, Number, Number]:
+        """R and ∂R/∂(λ, p, v)."""
+        wall = self.wall
+        numerator, denominator = wall.elastomer.pole_form(stretch)
+        numerator_slope, denominator_slope = wall.elastomer.pole_form_slope(stretch)
+        voltage = self.offset + self.rate * v
+        square = stretch * stretch
+        per_pressure = wall.pressure_load * square
+        per_voltage = self.electric_load * voltage * square * stretch
+        mechanical, electric = per_pressure * pressure, per_voltage * voltage
+        load = mechanical + electric
+        return (
+            numerator - denominator * load,
+            numerator_slope
+            - denominator_slope * load
+            - denominator * ((2.0 * mechanical + 3.0 * electric) / stretch),
+            -denominator * per_pressure,
+            -denominator * (2.0 * self.rate) * per_voltage,
+        )
+
+    def field(self, stretch: Number, v: Number) -> Number:
+        """True electric field φλ²/h."""
+        return (self.offset + self.rate * v) * stretch * stretch / self.thickness
+
+    def potential(self, stretch: Number, v: Number) -> Number:
+        """Elastic energy less ½φq."""
+        voltage = self.offset + self.rate * v
+        return self.wall.potential(stretch, v) - 0.5 * self.capacitance * voltage * voltage * stretch**4
+
+    def charge_rate(self, stretch: Number, v: Number) -> Number:
+        """q dφ/dv = −∂Π/∂v of this wall."""
+        return self.capacitance * (self.offset + self.rate * v) * self.rate * stretch**4
+
+    def supplied(self, stretch: Number, v: Number) -> Number:
+        """φq."""
+        return self.capacitance * (self.offset + self.rate * v) ** 2 * stretch**4
+
+
+AnyMembrane = Membrane | ElectrodedMembrane
+
+
+def _wall(membrane: AnyMembrane) -> Membrane:
+    return membrane if isinstance(membrane, Membrane) else membrane.wall
+
+
+class Equations(Protocol):
+    """What following, polishing and relaxing need to know of a set of equations.
+
+    `scales` are the natural sizes of the unknowns, shape (n_unknowns,); `walls` the balloons in it.
+    """
+
+    @property
+    def scales(self) -> FloatArray: ...
+    @property
+    def walls(self) -> tuple[Membrane, ...]: ...
+    @property
+    def has_pressure(self) -> bool:
+        """Whether the pressure is an unknown, y[-2], bound by the gas law."""
+        ...
+
+    def residual(self, y: State) -> list[Number]:
+        """The equations' residuals, (n_unknowns − 1)."""
+        ...
+
+    def linearised(self, y: State) -> tuple[list[Number], Rows]:
+        """The residuals and ∂(residual)/∂y, rows of (n_unknowns)."""
+        ...
+
+    def stiffness(self, y: State) -> tuple[list[Number], list[Number]]:
+        """Diagonal d and squares s of S = diag(d) + √s √sᵀ.
+
+        S = T H T with H the Hessian of Π in the stretches (pressure eliminated by the gas law) and
+        T = diag √(D/(r²hk)): congruent, so of the same inertia, and without a pole.
+        """
+        ...
+
+    def pressure(self, y: State) -> Number:
+        """Excess pressure."""
+        ...
+
+    def potential(self, y: State) -> Number:
+        """Π up to a constant, small where y is near the state of sealing (so that little cancels)."""
+        ...
+
+    def drive_power(self, y: State) -> Number:
+        """−∂Π/∂v: Σ q dφ/dv, or V dp/dv."""
+        ...
+
+    def electric_supply(self, y: State) -> Number:
+        """Σ φq."""
+        ...
+
+    def gas_supply(self, y: State) -> Number:
+        """pV of the gas supply; 0 with the valve closed."""
+        ...
+
+
+@dataclass(frozen=True)
+class SealedBalloons:
+    """Valve closed: force balances of all balloons, and the ideal gas law (p + pₑ)V = n.
+
+    Unknowns (λ₁ … λₙ, p, v).
+    """
+
+    membranes: tuple[AnyMembrane, ...]
+    amount: float
+    ambient: float
+
+    has_pressure = True
+
+    @cached_property
+    def walls(self) -> tuple[Membrane, ...]:
+        return tuple(_wall(m) for m in self.membranes)
+
+    @cached_property
+    def scales(self) -> FloatArray:
+        softest = min(1.0 / wall.pressure_load for wall in self.walls)
+        return np.array([1.0] * len(self.membranes) + [softest, _voltage_scale(self.membranes)])
+
+    def residual(self, y: State) -> list[Number]:
+        *stretches, pressure, v = y
+        out: list[Number] = []
+        volume: Number = 0.0
+        for membrane, wall, x in zip(self.membranes, self.walls, stretches, strict=True):
+            out.append(membrane.force(x, pressure, v))
+            volume = volume + wall.cube * x * x * x
+        out.append((pressure + self.ambient) * volume / (3.0 * self.amount) - 1.0)
+        return out
+
+    def linearised(self, y: State) -> tuple[list[Number], Rows]:
+        *stretches, pressure, v = y
+        count = len(stretches)
+        residual: list[Number] = []
+        rows: Rows = []
+        gas: list[Number] = [0.0] * (count + 2)
+        volume: Number = 0.0
+        density = (pressure + self.ambient) / self.amount
+        for i, (membrane, wall, x) in enumerate(zip(self.membranes, self.walls, stretches, strict=True)):
+            row: list[Number] = [0.0] * (count + 2)
+            force, row[i], row[-2], row[-1] = membrane.linearised(x, pressure, v)
+            residual.append(force)
+            rows.append(row)
+            area = wall.cube * x * x
+            gas[i] = density * area
+            volume = volume + area * x
+        gas[-2] = volume / (3.0 * self.amount)
+        residual.append(gas[-2] * (pressure + self.ambient) - 1.0)
+        rows.append(gas)
+        return residual, rows
+
+    def stiffness(self, y: State) -> tuple[list[Number], list[Number]]:
+        *stretches, pressure, v = y
+        diagonal: list[Number] = []
+        areas: list[Number] = []
+        volume: Number = 0.0
+        for membrane, wall, x in zip(self.membranes, self.walls, stretches, strict=True):
+            diagonal.append(membrane.linearised(x, pressure, v)[1])
+            area = wall.cube * x * x
+            areas.append(area * area * (wall.elastomer.pole_form(x)[1] / wall.weight))
+            volume = volume + area * x
+        gas = 9.0 * self.amount / (volume * volume)
+        return diagonal, [gas * area for area in areas]
+
+    def pressure(self, y: State) -> Number:
+        return y[-2]
+
+    def potential(self, y: State) -> Number:
+        *stretches, _, v = y
+        walls: Number = 0.0
+        volume: Number = 0.0
+        for membrane, wall, x in zip(self.membranes, self.walls, stretches, strict=True):
+            walls = walls + membrane.potential(x, v)
+            volume = volume + wall.cube * x * x * x / 3.0
+        # −n ln V + pₑV, from the volume V₀ = n/(1 + pₑ): with u = V/V₀ − 1 the large parts cancel on paper.
+        start = self.amount / (1.0 + self.ambient)
+        u = (volume - start) / start
+        return walls - start * (np.log1p(u) + self.ambient * (np.log1p(u) - u))
+
+    def drive_power(self, y: State) -> Number:
+        *stretches, _, v = y
+        power: Number = 0.0
+        for membrane, x in zip(self.membranes, stretches, strict=True):
+            power = power + membrane.charge_rate(x, v)
+        return power
+
+    def electric_supply(self, y: State) -> Number:
+        *stretches, _, v = y
+        return sum(membrane.supplied(x, v) for membrane, x in zip(self.membranes, stretches, strict=True))
+
+    def gas_supply(self, y: State) -> Number:
+        return 0.0
+
+
+@dataclass(frozen=True)
+class OpenBalloon:
+    """Valve open: the force balance of one balloon at the pressure p = offset + rate·v.
+
+    Unknowns (λ, v). Voltage driven: rate 0. While inflating: offset 0, rate 1, and v is the pressure.
+    """
+
+    membrane: AnyMembrane
+    pressure_offset: float
+    pressure_rate: float
+
+    has_pressure = False
+
+    @cached_property
+    def walls(self) -> tuple[Membrane, ...]:
+        return (_wall(self.membrane),)
+
+    @cached_property
+    def scales(self) -> FloatArray:
+        if self.pressure_rate:
+            return np.array([1.0, 1.0 / self.walls[0].pressure_load])
+        return np.array([1.0, _voltage_scale((self.membrane,))])
+
+    def residual(self, y: State) -> list[Number]:
+        x, v = y
+        return [self.membrane.force(x, self.pressure_offset + self.pressure_rate * v, v)]
+
+    def linearised(self, y: State) -> tuple[list[Number], Rows]:
+        x, v = y
+        pressure = self.pressure_offset + self.pressure_rate * v
+        force, along, per_pressure, per_v = self.membrane.linearised(x, pressure, v)
+        return [force], [[along, per_pressure * self.pressure_rate + per_v]]
+
+    def stiffness(self, y: State) -> tuple[list[Number], list[Number]]:
+        x, v = y
+        return [self.membrane.linearised(x, self.pressure_offset + self.pressure_rate * v, v)[1]], [0.0]
+
+    def pressure(self, y: State) -> Number:
+        return self.pressure_offset + self.pressure_rate * y[1]
+
+    def potential(self, y: State) -> Number:
+        x, v = y
+        return self.membrane.potential(x, v) - self.pressure(y) * self.walls[0].cube * x * x * x / 3.0
+
+    def drive_power(self, y: State) -> Number:
+        x, v = y
+        return self.membrane.charge_rate(x, v) + self.pressure_rate * self.walls[0].cube * x * x * x / 3.0
+
+    def electric_supply(self, y: State) -> Number:
+        x, v = y
+        return self.membrane.supplied(x, v)
+
+    def gas_supply(self, y: State) -> Number:
+        return self.pressure(y) * self.walls[0].cube * y[0] ** 3 / 3.0
+
+
+def _voltage_scale(membranes: Sequence[AnyMembrane]) -> float:
+    """The smallest coordinate v that matters to a membrane: √(2/b), one over its rate."""
+    return min(
+        (
+            float(np.sqrt(2.0 / m.electric_load)) / abs(m.rate)
+            for m in membranes
+            if isinstance(m, ElectrodedMembrane) and m.rate
+        ),
+        default=1.0,
+    )

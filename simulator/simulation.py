@@ -1,0 +1,477 @@
+"""The only loop: step → stay on a branch → event → record, snap or stop → next stay.
+
+A step moves the drive along a line (`drive`). Each set of equations that moves with it (`model`: one for
+all balloons with the valve closed, one for each with it open) walks through the step (`walk`); their
+events are merged in order of time, and samples are read off the branches on the grid the scenario asks for.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator import assembly
+from simulator.assembly import AnyEquations, Group
+from simulator.device import Device
+from simulator.drive import VoltageLine, Waveform
+from simulator.equilibrium import NotConverged
+from simulator.events import softest_mode
+from simulator.flow import FlowError
+from simulator.history import EnergyBalance, Event, EventKind, History, Outcome, SolverStatistics
+from simulator.model import OpenBalloon
+from simulator.path import Branch, PathError
+from simulator.scenario import Hold, Inflate, duration
+from simulator.walk import Atlas, Happening, Turn, Walk, by_time, loses_tension
+
+if TYPE_CHECKING:
+    from simulator.scenario import PlayedStep, Scenario
+
+FloatArray = NDArray[np.float64]
+
+_ENDS = ("loss_of_tension", "breakdown", "runaway")
+_SAME_INSTANT = 1e-12  # fractions of a step closer than this are one
+
+
+class SolverError(RuntimeError):
+    """The solver failed; `history` holds everything computed up to there, its outcome `failed`."""
+
+    def __init__(self, message: str, history: History | None = None) -> None:
+        super().__init__(message)
+        self.history = history
+
+
+def simulate(scenario: Scenario, *, progress: Callable[[float], None] | None = None) -> History:
+    """Play a scenario's steps and return what happened.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        From `load_scenario`.
+    progress : callable, optional
+        Called with the fraction of steps done, after each.
+
+    Returns
+    -------
+    History
+        Physical ends (tension lost, film broken, runaway) are outcomes of a history, not errors.
+
+    Raises
+    ------
+    SolverError
+        If the solver failed; with the history up to there.
+    """
+    run = _Run(scenario)
+    total = sum(1 for _ in scenario.played_steps()) if progress else 0
+    number = 0
+    try:
+        for number, step in enumerate(scenario.played_steps(), start=1):
+            run.play(number, step)
+            if progress:
+                progress(number / total)
+            if run.outcome is not Outcome.COMPLETED:
+                break
+    except (PathError, FlowError, NotConverged, np.linalg.LinAlgError) as failure:
+        run.outcome = Outcome.FAILED
+        raise SolverError(
+            f"{scenario.file}: step {number}, time {run.clock:.12g}: {failure}; last stretches "
+            f"{run.stretch.tolist()}, pressure {run.pressure:.12g}, voltages {run.voltage.tolist()}; "
+            "a smaller solver.rtol may help",
+            run.history(),
+        ) from failure
+    return run.history()
+
+
+@dataclass
+class _Rows:
+    """Samples as they come, in chunks."""
+
+    time: list[FloatArray] = field(default_factory=list)
+    step: list[FloatArray] = field(default_factory=list)
+    branch: list[FloatArray] = field(default_factory=list)
+    stretch: list[FloatArray] = field(default_factory=list)
+    pressure: list[FloatArray] = field(default_factory=list)
+    voltage: list[FloatArray] = field(default_factory=list)
+    gas: list[FloatArray] = field(default_factory=list)
+    is_open: list[NDArray[np.bool_]] = field(default_factory=list)
+
+
+class _Run:
+    """The state of one run: where the device is now, the branches known, the record and the books."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario = scenario
+        self.device = Device.from_scenario(scenario)
+        self.atlas = Atlas(scenario.solver.rtol)
+        self.outcome = Outcome.COMPLETED
+        self.rows = _Rows()
+        self.events: list[Event] = []
+        self.jumps = 0
+        self.electrical_work = self.gas_work = self.stored = self.dissipated = 0.0
+        self.started = time.perf_counter()
+        # Stress free at p = 0, the valve closed over whatever gas that is.
+        self.clock = 0.0
+        self.number = 1
+        self.stretch: FloatArray = np.ones(len(scenario.balloons))
+        self.pressure = 0.0
+        self.voltage: FloatArray = np.zeros(len(self.device.electroded))
+        self.is_open = False
+        self.amount = self._gas_now()
+
+    def play(self, number: int, step: PlayedStep) -> None:
+        """Play one step: first what changes at once, then what moves."""
+        self.number = number
+        start, lasts = self.clock, duration(step)
+        opens = isinstance(step, Inflate) or step.valve == "open"
+        if not self.rows.time:
+            self.is_open = opens
+            self._note_now()
+        elif opens and not self.is_open:
+            self._open_valve()
+        self.is_open = opens
+        if self.outcome is Outcome.COMPLETED:
+            line, waveform = assembly.motion(
+                step, self.scenario.electroded, self.voltage.tolist(), self.pressure
+            )
+            if not isinstance(step, Inflate | Hold):
+                self._jump_to(line, float(waveform.values[0]))
+            if self.outcome is Outcome.COMPLETED and lasts > 0.0:
+                inflates = isinstance(step, Inflate)
+                groups = (
+                    assembly.inflating(self.device, self.voltage.tolist())
+                    if inflates
+                    else self._actuated(line)
+                )
+                self._move(groups, line, waveform, start, lasts)
+        if opens:
+            self.amount = self._gas_now()
+
+    def _actuated(self, line: VoltageLine) -> list[Group]:
+        """What moves with the voltages along a line, as the valve stands."""
+        if self.is_open:
+            return assembly.actuated_open(self.device, line, pressure=self.pressure)
+        # Sealed at no pressure in a vacuum there is no gas; tension is lost before its law is ever used.
+        amount = self.amount if self.amount > 0.0 else float(np.finfo(float).tiny)
+        return assembly.actuated(self.device, line, amount=amount)
+
+    def _state(self, group: Group, v: float) -> FloatArray:
+        """The present state as a group's unknowns, at drive coordinate v."""
+        stretches = self.stretch[list(group.members)]
+        return np.array([*stretches, self.pressure, v] if group.equations.has_pressure else [*stretches, v])
+
+    # -- what changes at once ------------------------------------------------------------------------
+
+    def _open_valve(self) -> None:
+        """Balloons that only their shared gas held in place leave it."""
+        self.is_open = True
+        line = VoltageLine(tuple(self.voltage.tolist()), (0.0,) * self.voltage.size)
+        turns: dict[int, Turn] = {}
+        groups: list[Group] = []
+        for group in assembly.held_open(self.device, self.voltage.tolist(), pressure=self.pressure):
+            state = self._state(group, 0.0)
+            if group.conditions[0].margin(state.tolist()) >= 0.0:
+                continue
+            nudge = np.append(1e-3 * softest_mode(group.equations, state), 0.0)
+            # It may leave either way; it takes the steeper.
+            start = min(
+                state + nudge, state - nudge, key=lambda y: float(group.equations.potential(y.tolist()))
+            )
+            turns[len(groups)] = self.atlas.settle(group, "jump", start, state)
+            groups.append(group)
+        if groups:
+            self._turn(groups, line, turns, [self._state(g, 0.0) for g in groups])
+
+    def _jump_to(self, line: VoltageLine, v: float) -> None:
+        """Voltages change at once to those at v, and the old state relaxes under them."""
+        target = line.at(v)
+        if np.array_equal(target, self.voltage):
+            return
+        across = VoltageLine.through(self.voltage.tolist(), target.tolist())
+        old, new = across.coordinate(self.voltage.tolist()), across.coordinate(target.tolist())
+        groups = self._actuated(across)
+        if any(loses_tension(g.equations, self._state(g, old), new) for g in groups):
+            self._note_event("loss_of_tension", self.stretch, self.pressure, None, None, None)
+            return
+        turns = {}
+        for place, group in enumerate(groups):
+            start = self._state(group, new)
+            turns[place] = self.atlas.settle(group, "jump", start, start)
+        # At frozen stretches all of the supplies' work is stored: ∫φ dq at constant capacitance.
+        unit = self.device.charge(self.stretch[None], np.ones((1, target.size)))[0]
+        work = 0.5 * float(unit @ (target**2 - self.voltage**2))
+        self.electrical_work += work
+        self.stored += work
+        self.voltage = target
+        self._turn(groups, across, turns, [self._state(g, new) for g in groups])
+
+    # -- what moves ----------------------------------------------------------------------------------
+
+    def _move(
+        self, groups: list[Group], line: VoltageLine, waveform: Waveform, start: float, lasts: float
+    ) -> None:
+        """Walk all groups through the step, then read samples and events off their walks in order of time."""
+        values = waveform.values
+        if np.all(values == values[0]):
+            groups = []
+        v = float(values[0])
+        walks = [self.atlas.walk(group, self._state(group, v), waveform) for group in groups]
+        at = [walk.branch for walk in walks]
+        since = [v] * len(walks)
+        fractions = self._grid(lasts)
+        passed = 0.0
+        for fraction, turns in by_time(walks, _SAME_INSTANT):
+            between = (fractions > passed + _SAME_INSTANT) & (fractions < fraction - _SAME_INSTANT)
+            self._read(walks, at, line, waveform, fractions[between], start, lasts)
+            passed = fraction
+            self.clock = start + lasts * fraction
+            v = float(next(iter(turns.values())).happenings[0].before[-1])
+            states = [
+                self._state(w.group, v) if b is None else b.at(np.array([v]))[:, 0]
+                for w, b in zip(walks, at, strict=True)
+            ]
+            for place, turn in turns.items():
+                states[place] = turn.happenings[0].before
+                self._book_stay(walks[place], at[place], since[place], v)
+                at[place], since[place] = turn.onward, v
+            self._turn(groups, line, turns, states)
+            if self.outcome is not Outcome.COMPLETED:
+                for place in set(range(len(walks))) - set(turns):
+                    self._book_stay(walks[place], at[place], since[place], v)
+                return
+        self._read(walks, at, line, waveform, fractions[fractions > passed + _SAME_INSTANT], start, lasts)
+        v = float(values[-1])
+        for walk, branch, v0 in zip(walks, at, since, strict=True):
+            self._book_stay(walk, branch, v0, v)
+        self.clock = start + lasts
+
+    def _grid(self, lasts: float) -> FloatArray:
+        """Fractions of a step at which samples are wanted."""
+        every = self.scenario.output.every
+        if every is None:
+            return np.linspace(0.0, 1.0, self.scenario.output.points)
+        count = int(np.floor(lasts / every * (1.0 + 1e-12)))
+        fractions = np.minimum(np.arange(count + 1) * (every / lasts), 1.0)
+        return fractions if fractions[-1] > 1.0 - 1e-9 else np.append(fractions, 1.0)
+
+    def _read(
+        self,
+        walks: Sequence[Walk],
+        at: Sequence[Branch | None],
+        line: VoltageLine,
+        waveform: Waveform,
+        fractions: FloatArray,
+        start: float,
+        lasts: float,
+    ) -> None:
+        """Samples at the given fractions, all walks staying on their branches; the last is the present."""
+        if not fractions.size:
+            return
+        v = waveform.at(fractions)
+        states = [branch.at(v) for branch in at if branch is not None]
+        self._note(start + lasts * fractions, *self._compose([w.group for w in walks], line, v, states))
+
+    def _compose(
+        self, groups: Sequence[Group], line: VoltageLine, v: FloatArray, states: Sequence[FloatArray]
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Stretches (n, n_balloons), pressure (n,), voltages (n, n_electroded) from the groups' states."""
+        stretch = np.repeat(self.stretch[None], v.size, axis=0)
+        pressure = np.full(v.size, self.pressure)
+        for group, y in zip(groups, states, strict=True):
+            stretch[:, list(group.members)] = y[: len(group.members)].T
+            pressure[:] = group.equations.pressure(y)
+        return stretch, pressure, line.at(v)
+
+    def _turn(
+        self, groups: Sequence[Group], line: VoltageLine, turns: dict[int, Turn], states: list[FloatArray]
+    ) -> None:
+        """Record what happens to some groups at one instant, round by round; the others stay."""
+        states = list(states)
+        rounds = max(len(turn.happenings) for turn in turns.values())
+        for k in range(rounds):
+            now = {place: turn.happenings[k] for place, turn in turns.items() if k < len(turn.happenings)}
+            stretch, pressure, self.voltage = self._instant(groups, line, states)
+            ended = next((h for h in now.values() if h.after is None), None)
+            if ended is not None and any(h.after is not None for h in now.values()):
+                # One balloon ends the history while another only snaps: what ends it is what is told.
+                now = {place: h for place, h in now.items() if h.after is None}
+            kind = next(iter(now.values())).kind
+            if ended is not None:
+                self._note_event(kind, stretch, float(pressure), None, None, None)
+                continue
+            for place, happening in now.items():
+                assert happening.after is not None
+                states[place] = happening.after
+                self._book_jump(groups[place], happening)
+            stretch_after, pressure_after, _ = self._instant(groups, line, states)
+            lost = sum(h.dissipated or 0.0 for h in now.values())
+            self._note_event(kind, stretch, float(pressure), stretch_after, float(pressure_after), lost)
+
+    def _instant(
+        self, groups: Sequence[Group], line: VoltageLine, states: Sequence[FloatArray]
+    ) -> tuple[FloatArray, float, FloatArray]:
+        stretch, pressure, voltage = self._compose(groups, line, states[0][-1:], [y[:, None] for y in states])
+        return stretch[0], float(pressure[0]), voltage[0]
+
+    # -- record --------------------------------------------------------------------------------------
+
+    def _gas_now(self) -> float:
+        return float((self.pressure + self.device.ambient) * self.device.volume(self.stretch[None])[0])
+
+    def _note(
+        self, times: FloatArray, stretch: FloatArray, pressure: FloatArray, voltage: FloatArray
+    ) -> None:
+        """Add samples; the last is where the device is now."""
+        rows, count = self.rows, times.size
+        rows.time.append(times)
+        rows.step.append(np.full(count, self.number))
+        rows.branch.append(np.full(count, self.jumps))
+        rows.stretch.append(stretch)
+        rows.pressure.append(pressure)
+        rows.voltage.append(voltage)
+        gas = (pressure + self.device.ambient) * self.device.volume(stretch)
+        rows.gas.append(gas if self.is_open else np.full(count, self.amount))
+        rows.is_open.append(np.full(count, self.is_open))
+        self.stretch, self.pressure, self.voltage = stretch[-1], float(pressure[-1]), voltage[-1]
+
+    def _note_now(self) -> None:
+        self._note(np.array([self.clock]), self.stretch[None], np.array([self.pressure]), self.voltage[None])
+
+    def _note_event(
+        self,
+        kind: str,
+        stretch: FloatArray,
+        pressure: float,
+        stretch_after: FloatArray | None,
+        pressure_after: float | None,
+        dissipated: float | None,
+    ) -> None:
+        """Add an event and the two rows of its sides; a row that is there already is not repeated."""
+        self.stretch, self.pressure = stretch, pressure
+        rows = self.rows
+        if not (rows.time[-1][-1] == self.clock and np.array_equal(rows.stretch[-1][-1], stretch)):
+            self._note_now()
+        voltage = self.voltage
+        field_before = self.device.field(stretch[None], rows.voltage[-1][-1:])[0]
+        field_after = None
+        if stretch_after is not None and pressure_after is not None:
+            self.jumps += 1
+            field_after = self.device.field(stretch_after[None], voltage[None])[0]
+            self._note(np.array([self.clock]), stretch_after[None], np.array([pressure_after]), voltage[None])
+        elif kind in _ENDS:
+            self.outcome = Outcome(kind)
+        self.events.append(
+            Event(
+                self.clock,
+                self.number,
+                EventKind(kind),
+                voltage,
+                stretch,
+                stretch_after,
+                pressure,
+                pressure_after,
+                field_before,
+                field_after,
+                dissipated,
+            )
+        )
+
+    # -- books ---------------------------------------------------------------------------------------
+
+    def _book_stay(self, walk: Walk, branch: Branch | None, start: float, end: float) -> None:
+        """Energies of a stay on a branch: work by quadrature, storage by difference."""
+        if branch is None or start == end:
+            return
+        equations = walk.group.equations
+        work = branch.work_between(start, end)
+        before, after = (branch.at(np.array([v]))[:, 0] for v in (start, end))
+        self._book(
+            equations,
+            before,
+            after,
+            work if isinstance(equations, OpenBalloon) and equations.pressure_rate else 0.0,
+            work,
+        )
+
+    def _book_jump(self, group: Group, happening: Happening) -> None:
+        """Energies of a jump: the drive is frozen, the loss is what the potential lost."""
+        assert happening.after is not None
+        self.dissipated += happening.dissipated or 0.0
+        self._book(group.equations, happening.before, happening.after, 0.0, 0.0)
+
+    def _book(
+        self, equations: AnyEquations, before: FloatArray, after: FloatArray, gas: float, total: float
+    ) -> None:
+        a, b = before.tolist(), after.tolist()
+        electric = equations.electric_supply(b) - equations.electric_supply(a)
+        supplied = equations.gas_supply(b) - equations.gas_supply(a)
+        # ∫φ dq = [φq] − ∫q dφ, and ∫p dV = [pV] − ∫V dp.
+        self.electrical_work += electric - (total - gas)
+        self.gas_work += supplied - gas
+        self.stored += float(equations.potential(b)) - float(equations.potential(a)) + electric + supplied
+
+    def _exchanged(
+        self,
+        voltage: FloatArray,
+        charge: FloatArray,
+        pressure: FloatArray,
+        gas: FloatArray,
+        is_open: NDArray[np.bool_],
+        volume: FloatArray,
+    ) -> float:
+        """∫|φ dq| + ∫|p dV| as far as the samples show it: the size that an imbalance is judged against."""
+        electrical = 0.5 * np.abs((voltage[1:] + voltage[:-1]) * np.diff(charge, axis=0)).sum()
+        supplied = 0.5 * np.abs((pressure[1:] + pressure[:-1]) * np.diff(volume))[is_open[1:]].sum()
+        return float(electrical + supplied)
+
+    def history(self) -> History:
+        """The record so far, with everything derived from it."""
+        rows, device = self.rows, self.device
+        stretch, voltage = np.concatenate(rows.stretch), np.concatenate(rows.voltage)
+        pressure, gas, is_open = (
+            np.concatenate(rows.pressure),
+            np.concatenate(rows.gas),
+            np.concatenate(rows.is_open),
+        )
+        volume, charge = device.volume(stretch), device.charge(stretch, voltage)
+        books = EnergyBalance(
+            self.electrical_work,
+            self.gas_work,
+            self.stored,
+            self.dissipated,
+            self.electrical_work + self.gas_work - self.stored - self.dissipated,
+            self._exchanged(voltage, charge, pressure, gas, is_open, volume),
+        )
+        effort = self.atlas.effort
+        return History(
+            scenario=self.scenario,
+            balloons=device.names,
+            electroded=self.scenario.electroded,
+            time=np.concatenate(rows.time),
+            step=np.concatenate(rows.step),
+            branch=np.concatenate(rows.branch),
+            voltage=voltage,
+            stretch=stretch,
+            pressure=pressure,
+            volume=volume,
+            gas=gas,
+            field=device.field(stretch, voltage),
+            charge=charge,
+            energy=device.energy(stretch, pressure, voltage, gas, is_open),
+            stability=device.stability(stretch, pressure, voltage, gas, is_open),
+            events=tuple(self.events),
+            outcome=self.outcome,
+            energy_balance=books,
+            statistics=SolverStatistics(
+                effort.ida_solves,
+                effort.ida_steps,
+                effort.residual_calls,
+                effort.jacobian_calls,
+                sum(len(known) for known in self.atlas.branches.values()),
+                sum(event.kind in (EventKind.LIMIT_POINT, EventKind.BRANCH_POINT) for event in self.events),
+                time.perf_counter() - self.started,
+            ),
+        )

@@ -1,0 +1,214 @@
+"""Equations: derivatives against complex steps, the Hessian against the potential, composition."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from simulator.device import Device, smallest_eigenvalue
+from simulator.drive import VoltageLine
+from simulator.events import conditions, softest_mode, stability
+from simulator.model import ElectrodedMembrane, Membrane
+from simulator.scenario import load_scenario
+
+STEP = 1e-30
+
+
+def device(count: int = 3, electroded: tuple[int, ...] = (0, 2), J_lim: float = 80.0) -> Device:
+    balloons = [
+        {
+            "name": f"b{i}",
+            "radius": 1.0 - 0.2 * i,
+            "thickness": 0.7 + 0.3 * i,
+            "modulus": 1.3 - 0.1 * i,
+            "permittivity": 0.8 + 0.2 * i,
+            "electrodes": i in electroded,
+            "elastomer": {"model": "gent", "J_lim": J_lim},
+            **({"breakdown": {"field": 9.0}} if i in electroded else {}),
+        }
+        for i in range(count)
+    ]
+    return Device.from_scenario(
+        load_scenario(
+            {"title": "t", "gas": {"ambient_pressure": 0.3}, "balloon": balloons, "step": [{"inflate": 1.0}]}
+        )
+    )
+
+
+def systems():
+    three = device()
+    line = VoltageLine((0.1, 0.0), (0.5, 1.0))
+    return {
+        "sealed three": three.sealed(5.0, line),
+        "sealed pair": device(2, (0,)).sealed(3.0, VoltageLine.common(1)),
+        "sealed one": device(1, (0,)).sealed(1.0, VoltageLine.common(1)),
+        "actuated": three.actuated(2, 0.6, line),
+        "inflated": three.inflated(0, [0.2, 0.1]),
+    }
+
+
+SYSTEMS = systems()
+states = st.lists(st.floats(1.01, 5.5), min_size=3, max_size=3)
+
+
+def state_of(system, stretches, pressure, v):
+    count = len(system.walls)
+    return [*stretches[:count], pressure, v] if system.has_pressure else [*stretches[:count], v]
+
+
+def gradient(function, y):
+    return np.array(
+        [np.imag(function([x + 1j * STEP * (i == j) for i, x in enumerate(y)])) / STEP for j in range(len(y))]
+    )
+
+
+@pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS)
+@given(stretches=states, pressure=st.floats(0.0, 2.0), v=st.floats(-0.5, 0.5))
+def test_jacobian_by_complex_step(system, stretches, pressure, v):
+    y = state_of(system, stretches, pressure, v)
+    residual, rows = system.linearised(y)
+    assert residual == pytest.approx(system.residual(y), abs=1e-12)
+    for i, row in enumerate(rows):
+        exact = gradient(lambda z, i=i: system.residual(z)[i], y)
+        assert row == pytest.approx(exact, rel=1e-10, abs=1e-11)
+
+
+@pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS)
+@given(stretches=states, v=st.floats(-0.5, 0.5))
+def test_force_is_the_slope_of_the_potential(system, stretches, v):
+    """∂Π/∂λᵢ = rᵢ²hᵢkᵢ Rᵢ/Dᵢ at the pressure of the gas law; −∂Π/∂v is the drive's power."""
+    pressure = 0.0
+    y = state_of(system, stretches, pressure, v)
+    if system.has_pressure:
+        residual, rows = system.linearised(y)
+        y[-2] -= residual[-1] / rows[-1][-2]
+    slope = gradient(system.potential, y)
+    for i, wall in enumerate(system.walls):
+        force = system.residual(y)[i] / wall.elastomer.pole_form(y[i])[1]
+        assert slope[i] == pytest.approx(wall.weight * force, rel=1e-9, abs=1e-9)
+    assert -slope[-1] == pytest.approx(system.drive_power(y), rel=1e-10, abs=1e-12)
+
+
+@pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS)
+@given(stretches=states, v=st.floats(-0.5, 0.5))
+def test_stability_is_the_smallest_eigenvalue_and_its_slope_exact(system, stretches, v):
+    y = np.array(state_of(system, stretches, 0.7, v))
+    margin = stability(system).margin(y.tolist())
+    diagonal, squares = system.stiffness(y.tolist())
+    arms = np.sqrt(squares)
+    assert margin == pytest.approx(np.linalg.eigvalsh(np.diag(diagonal) + np.outer(arms, arms))[0], abs=1e-12)
+    slope = stability(system).slope(y)
+    for j in range(y.size):
+        h = 1e-6
+        up, down = y.copy(), y.copy()
+        up[j] += h
+        down[j] -= h
+        difference = (stability(system).margin(up.tolist()) - stability(system).margin(down.tolist())) / (
+            2 * h
+        )
+        assert slope[j] == pytest.approx(difference, rel=2e-5, abs=2e-6)
+
+
+def test_margins_of_arrays_are_those_of_floats():
+    for system in SYSTEMS.values():
+        count = len(system.walls)
+        y = np.array([state_of(system, [x, x + 0.3, x + 0.8], 0.5, 0.1) for x in (1.1, 2.0, 3.0)]).T
+        for condition in conditions(system, [9.0] * count):
+            each = [condition.margin(column.tolist()) for column in y.T]
+            assert np.asarray(condition.margin(y)) == pytest.approx(each, rel=1e-12, abs=1e-13)
+
+
+def test_softest_mode_is_an_eigenvector():
+    system = SYSTEMS["sealed three"]
+    y = np.array([2.0, 1.5, 1.8, 0.4, 0.3])
+    mode = softest_mode(system, y)
+    diagonal, squares = system.stiffness(y.tolist())
+    matrix = np.diag(diagonal) + np.outer(np.sqrt(squares), np.sqrt(squares))
+    assert matrix @ mode == pytest.approx(stability(system).margin(y.tolist()) * mode, abs=1e-12)
+
+
+def test_only_what_moves_has_electrical_terms():
+    three = device()
+    left_only = three.sealed(1.0, VoltageLine((0.0, 0.0), (1.0, 0.0)))
+    assert [type(m) for m in left_only.membranes] == [ElectrodedMembrane, Membrane, Membrane]
+    held = three.sealed(1.0, VoltageLine((0.0, 0.2), (1.0, 0.0)))
+    assert [type(m) for m in held.membranes] == [ElectrodedMembrane, Membrane, ElectrodedMembrane]
+    assert type(three.inflated(0, [0.0, 0.0]).membrane) is Membrane
+
+
+def test_conditions_are_those_that_apply():
+    three = device()
+    strengths = [9.0, None, None]
+    line = VoltageLine.common(2)
+    assert [c.kind for c in conditions(three.sealed(1.0, line), strengths)] == [
+        "limit_point",
+        "loss_of_tension",
+        "breakdown",
+    ]
+    assert [c.kind for c in conditions(three.inflated(0, [0.0, 0.0]), [9.0])] == ["limit_point"]
+    assert [c.kind for c in conditions(three.actuated(0, 0.5, line), [9.0])] == ["limit_point", "breakdown"]
+
+
+@given(
+    st.integers(1, 4).flatmap(
+        lambda n: st.tuples(
+            st.lists(st.floats(-3, 3), min_size=n, max_size=n),
+            st.lists(st.floats(0, 3), min_size=n, max_size=n),
+        )
+    ),
+    st.floats(0, 3),
+)
+def test_smallest_eigenvalue(parts, coupling):
+    diagonal, arms = (np.array([part]) for part in parts)
+    matrix = np.diag(diagonal[0]) + coupling * np.outer(arms[0], arms[0])
+    found = smallest_eigenvalue(diagonal, np.array([coupling]), arms)
+    assert found[0] == pytest.approx(np.linalg.eigvalsh(matrix)[0], abs=1e-11)
+
+
+def test_derived_quantities():
+    """Volume, field and charge of `physics.md` §1, by hand for one state."""
+    three = device()
+    stretch, voltage = np.array([[1.5, 2.0, 1.2]]), np.array([[0.3, -0.2]])
+    radius, thickness, permittivity = [1.0, 0.8, 0.6], [0.7, 1.0, 1.3], [0.8, 1.0, 1.2]
+    assert three.volume(stretch)[0] == pytest.approx(
+        sum(r**3 * x**3 / 3 for r, x in zip(radius, stretch[0], strict=True))
+    )
+    for column, i in enumerate((0, 2)):
+        phi, x = voltage[0, column], stretch[0, i]
+        assert three.field(stretch, voltage)[0, column] == pytest.approx(phi * x**2 / thickness[i])
+        assert three.charge(stretch, voltage)[0, column] == pytest.approx(
+            radius[i] ** 2 * permittivity[i] / thickness[i] * phi * x**4
+        )
+
+
+@given(
+    stretches=states,
+    pressure=st.floats(0.1, 2.0),
+    voltages=st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5)),
+)
+def test_energy_and_stability_columns(stretches, pressure, voltages):
+    """The energy is Π, the stability the smallest eigenvalue of its Hessian, by finite differences of Π."""
+    three = device()
+    stretch, voltage = np.array([stretches]), np.array([voltages])
+    gas = (pressure + three.ambient) * three.volume(stretch)
+    for is_open in (False, True):
+        flags = np.array([is_open])
+
+        def potential(x, flags=flags):
+            return three.energy(x[None], np.array([pressure]), voltage, gas, flags)[0]
+
+        h = 1e-4
+        hessian = np.empty((3, 3))
+        for i in range(3):
+            for j in range(3):
+                corners = []
+                for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+                    x = stretch[0].copy()
+                    x[i] += a * h
+                    x[j] += b * h
+                    corners.append(potential(x))
+                hessian[i, j] = (corners[0] - corners[1] - corners[2] + corners[3]) / (4 * h * h)
+        found = three.stability(stretch, np.array([pressure]), voltage, gas, flags)[0]
+        assert found == pytest.approx(np.linalg.eigvalsh(hessian)[0], rel=1e-4, abs=1e-3)

@@ -1,0 +1,81 @@
+"""The package as others meet it: names, version, types, and what importing it costs."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tomllib
+from importlib.metadata import entry_points, metadata, version
+from pathlib import Path
+
+import pytest
+
+import simulator
+
+ROOT = Path(__file__).parent.parent
+
+
+def python(program: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_version_is_the_same_everywhere():
+    assert version("dielectric-balloons") == simulator.__version__
+    assert f"\nversion: {simulator.__version__}\n" in (ROOT / "CITATION.cff").read_text("utf-8")
+    assert simulator.__version__ in (ROOT / "CHANGELOG.md").read_text("utf-8")
+
+
+def test_distribution_names_command_licence_and_python():
+    (command,) = (e for e in entry_points(group="console_scripts") if e.name == "balloons")
+    assert command.value == "simulator.cli:app"
+    assert metadata("dielectric-balloons")["Requires-Python"] == ">=3.11"
+    assert metadata("dielectric-balloons")["License-Expression"] == "BSD-3-Clause"
+
+
+def test_every_requirement_has_a_lower_bound():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    for requirement in [*project["dependencies"], *project["optional-dependencies"]["dev"]]:
+        assert re.fullmatch(r"[a-z-]+>=[0-9.]+", requirement)
+
+
+@pytest.mark.parametrize("name", simulator.__all__)
+def test_every_public_name_is_there(name):
+    assert getattr(simulator, name).__module__.startswith("simulator.")
+    assert name in dir(simulator)
+
+
+def test_unknown_names_are_refused_as_everywhere():
+    with pytest.raises(AttributeError, match="module 'simulator' has no attribute 'simulat'"):
+        simulator.simulat  # noqa: B018
+    with pytest.raises(ImportError):
+        from simulator import nothing_of_the_kind  # noqa: F401
+
+
+def test_package_is_typed():
+    assert (Path(simulator.__file__).parent / "py.typed").exists()
+
+
+def test_names_are_not_modules():
+    """No module of the package is named like a function of it, so import order cannot matter."""
+    python(
+        "import simulator.simulation, simulator.explanation; from simulator import simulate, explain; "
+        "assert callable(simulate) and callable(explain)"
+    )
+
+
+def test_importing_the_package_loads_next_to_nothing():
+    loaded = python(
+        "import sys; before = set(sys.modules); import simulator; print(*set(sys.modules) - before)"
+    )
+    heavy = {"numpy", "scipy", "pandas", "matplotlib", "sksundae", "pydantic", "typer", "rich"}
+    assert not heavy & set(loaded.split())
+
+
+def test_running_in_python_needs_no_tables_pictures_or_terminal():
+    program = "import sys; from simulator import load_scenario, simulate, History; print(*sys.modules)"
+    assert not {"pandas", "matplotlib", "typer", "rich"} & set(python(program).split())

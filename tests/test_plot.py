@@ -1,0 +1,227 @@
+"""The picture: jumps dashed, everything named, and no more ink than a page can take."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from histories import cycled_pair, empty_pair, inflated_single, scenario, slack_pair
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from simulator.history import EventKind, Outcome
+from simulator.plot import (
+    COLOURS,
+    MARKERS,
+    draw_png,
+    plot_history,
+    plot_loop,
+    plot_pressure,
+    plot_stretches,
+    plot_voltage,
+)
+
+PICTURED = [cycled_pair(), slack_pair(), inflated_single(), empty_pair(), cycled_pair(cycles=300)]
+
+
+def axes() -> object:
+    return Figure().add_subplot()
+
+
+def lines(ax: object, style: str) -> list[Line2D]:
+    return [line for line in ax.get_lines() if line.get_linestyle() == style]
+
+
+def steps(line: Line2D) -> np.ndarray:
+    """Changes in y along a line, over the drawn segments only."""
+    change = np.abs(np.diff(np.asarray(line.get_ydata(), dtype=float)))
+    return change[~np.isnan(change)]
+
+
+def legend_labels(figure: Figure) -> list[str]:
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+@pytest.mark.parametrize("history", PICTURED)
+def test_a_history_becomes_a_png(history):
+    assert draw_png(history, dots_per_inch=50).startswith(b"\x89PNG")
+
+
+def test_panels_without_electrodes_are_pressure_stretch_and_loop():
+    assert [ax.get_ylabel() for ax in plot_history(inflated_single()).axes] == [
+        "pressure\nPR/(μH)", "stretch\nλ = r/R", "stretch of only  λ = r/R",
+    ]  # fmt: skip
+    assert plot_history(inflated_single()).axes[-1].get_xlabel() == "pressure  PR/(μH)"
+
+
+def test_panels_with_electrodes_add_the_voltage():
+    figure = plot_history(cycled_pair())
+    assert figure.axes[0].get_ylabel() == "voltage\nΦ√(ε/μ)/H"
+    assert figure.axes[-1].get_xlabel() == "voltage on active  Φ√(ε/μ)/H"
+    assert figure.axes[0].get_shared_x_axes().joined(figure.axes[0], figure.axes[2])
+
+
+@pytest.mark.parametrize("draw", [plot_voltage, plot_pressure, plot_stretches, plot_loop])
+def test_drawing_functions_return_the_axes_they_were_given(draw):
+    ax = axes()
+    assert draw(cycled_pair(), ax) is ax
+
+
+@pytest.mark.parametrize("draw", [plot_stretches, plot_loop])
+@pytest.mark.parametrize("history", [cycled_pair(), cycled_pair(cycles=20), inflated_single()])
+def test_no_solid_line_crosses_a_jump(draw, history):
+    ax = draw(history, axes())
+    assert max(steps(line).max(initial=0.0) for line in lines(ax, "-")) < 1.0
+    assert max(steps(line).max(initial=0.0) for line in lines(ax, "--")) > 3.0
+
+
+def test_snaps_of_the_loop_are_vertical_at_the_voltage_of_the_event():
+    history = cycled_pair()
+    dashed = lines(plot_loop(history, axes()), "--")
+    assert [set(line.get_xdata()) for line in dashed] == [{event.voltage[0]} for event in history.events]
+    for line, event in zip(dashed, history.events, strict=True):
+        assert line.get_ydata()[0] == event.stretch_before[0]
+        assert line.get_ydata()[-1] == event.stretch_after[0]
+
+
+def test_a_voltage_jump_moves_the_voltage_before_the_state():
+    history = cycled_pair()
+    first = int(np.flatnonzero(np.diff(history.branch))[0])
+    history.voltage[: first + 1] *= 0.5
+    x, y = lines(plot_loop(history, axes()), "--")[0].get_data()
+    assert list(x) == [
+        history.voltage[first, 0],
+        history.voltage[first + 1, 0],
+        history.voltage[first + 1, 0],
+    ]
+    assert list(y) == [history.stretch[first, 0], history.stretch[first, 0], history.stretch[first + 1, 0]]
+
+
+def test_events_carry_the_marker_of_their_kind():
+    assert len(set(MARKERS.values())) == len(EventKind)
+    for history, kind in ((cycled_pair(), EventKind.LIMIT_POINT), (slack_pair(), EventKind.LOSS_OF_TENSION)):
+        for draw in (plot_stretches, plot_loop):
+            marked = [
+                line for line in draw(history, axes()).get_lines() if line.get_marker() == MARKERS[kind]
+            ]
+            assert [line.get_ydata()[0] for line in marked] == [e.stretch_before[0] for e in history.events]
+
+
+def test_an_event_that_leaves_the_shown_balloon_alone_is_not_on_its_loop():
+    history = cycled_pair()
+    event = history.events[0]
+    elsewhere = replace(event, stretch_before=np.array([event.stretch_after[0], 1.1]))
+    ax = plot_loop(replace(history, events=(elsewhere,)), axes())
+    assert not [line for line in ax.get_lines() if line.get_marker() == "*"]
+    stars = [
+        line
+        for line in plot_stretches(replace(history, events=(elsewhere,)), axes()).get_lines()
+        if line.get_marker() == "*"
+    ]
+    assert [line.get_ydata()[0] for line in stars] == [1.1]
+
+
+def test_legend_names_balloons_snaps_and_events_with_their_number():
+    assert legend_labels(plot_history(cycled_pair())) == [
+        "balloon active", "balloon passive", "snap", "limit point  (2×)", "end",
+    ]  # fmt: skip
+    assert legend_labels(plot_history(slack_pair()))[-1] == "loss of tension"
+
+
+def test_the_end_is_marked_unless_an_event_is():
+    def ends(history: object) -> list[tuple[float, float]]:
+        marked = [line for line in plot_loop(history, axes()).get_lines() if line.get_marker() == "o"]
+        return [(line.get_xdata()[0], line.get_ydata()[0]) for line in marked]
+
+    history = cycled_pair()
+    assert ends(history) == [(history.voltage[-1, 0], history.stretch[-1, 0])]
+    assert ends(slack_pair()) == []
+    assert legend_labels(plot_history(history))[-1] == "end"
+
+
+def test_a_line_that_does_not_jump_is_not_broken_by_the_jump_of_another():
+    ax = plot_voltage(cycled_pair(), axes())
+    (solid,) = lines(ax, "-")
+    assert not np.isnan(solid.get_ydata()).any()
+    assert not [line for line in lines(ax, "--") if len(line.get_xdata())]
+
+
+def test_title_is_taken_literally():
+    title = r"costs $5 and $6, [bold]100 %[/bold] \frac"
+    figure = plot_history(replace(cycled_pair(), scenario=scenario(title)))
+    assert figure.get_suptitle() == title
+    figure.draw_without_rendering()
+
+
+def test_ending_is_told_where_it_is_not_the_end_of_the_scenario():
+    def ending(history: object) -> str:
+        return plot_history(history).axes[-1].get_title(loc="right")
+
+    assert ending(cycled_pair()) == ""
+    assert ending(slack_pair()) == "ended by loss of tension at time 0.7"
+    assert ending(slack_pair(Outcome.FAILED)) == "partial: the solver failed after time 0.7"
+    assert ending(empty_pair()) == "nothing was computed"
+
+
+def test_a_thousand_cycles_are_drawn_like_one():
+    once, often = plot_history(cycled_pair()), plot_history(cycled_pair(cycles=1000))
+    loops = [figure.axes[-1] for figure in (once, often)]
+    assert len(loops[0].get_lines()) == len(loops[1].get_lines())
+    points = [sum(len(line.get_xdata()) for line in loop.get_lines()) for loop in loops]
+    assert points[1] < points[0] + 10
+    for panel in often.axes[:-1]:
+        assert sum(len(line.get_xdata()) for line in panel.get_lines()) < 20_000
+        assert len(panel.get_lines()) < 50
+    assert "limit point  (2000×)" in legend_labels(often)
+    assert "range over many cycles" in legend_labels(often)
+
+
+def test_the_band_of_many_cycles_reaches_from_the_lowest_to_the_highest():
+    history = cycled_pair(cycles=1000)
+    ax = plot_stretches(history, axes())
+    bands = [band.get_datalim(ax.transData) for band in ax.collections]
+    for band, stretch in zip(bands, history.stretch.T, strict=True):
+        assert (band.y0, band.y1) == pytest.approx((stretch.min(), stretch.max()))
+        assert (band.x0, band.x1) == pytest.approx((history.time[0], history.time[-1]))
+
+
+def test_a_long_smooth_history_keeps_its_extremes_when_thinned():
+    base = slack_pair()
+    n = 100_000
+    time = np.linspace(0, 1, n)
+    stretch = 1.5 + 0.3 * np.sin(40 * time)
+    stretch[54_321] = 3.0
+    history = replace(
+        base, time=time, branch=np.zeros(n, int), stretch=np.column_stack([stretch, stretch]), events=()
+    )
+    drawn = lines(plot_stretches(history, axes()), "-")[0]
+    assert len(drawn.get_xdata()) < 10_000
+    assert max(drawn.get_ydata()) == 3.0
+    assert min(drawn.get_ydata()) == stretch.min()
+
+
+def test_balloons_have_different_colours():
+    first, second = lines(plot_stretches(slack_pair(), axes()), "-")[:2]
+    assert [first.get_color(), second.get_color()] == list(COLOURS[:2])
+
+
+def test_nothing_overlaps_the_legend():
+    figure = plot_history(cycled_pair())
+    figure.draw_without_rendering()
+    legend = figure.legends[0].get_window_extent()
+    for ax in figure.axes:
+        assert not legend.overlaps(ax.get_tightbbox())
+
+
+def test_pyplot_is_not_loaded():
+    program = (
+        "import sys; sys.path.insert(0, 'tests');"
+        "from histories import cycled_pair; from simulator.plot import draw_png;"
+        "draw_png(cycled_pair()); sys.exit('matplotlib.pyplot' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], cwd=Path(__file__).parent.parent, check=False)
+    assert done.returncode == 0
