@@ -6,16 +6,17 @@ solve the equations to rounding, or says that it could not.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from simulator.events import Condition, softest_mode
-from simulator.model import Equations
+from simulator.model import Equations, Rows
 
 FloatArray = NDArray[np.float64]
 
-#: A residual this small, of terms of order one, cannot be told from zero.
-ROUNDING = 1e-14
+_EPS = float(np.finfo(float).eps)
 _ITERATIONS = 14
 
 
@@ -80,10 +81,14 @@ def on_planes(
         size = np.max(np.abs(step) / np.maximum(np.abs(states), scales), axis=0)
         if not size.max() < 1e3:  # also where it is not a number
             break
-        # Newton's method squares the error: the next step would be about size³/before². Beside a fold
-        # rounding keeps the steps larger than that, and the residual tells.
+        # Newton's method squares the error: the next step would be about size³/before².
         done = (size**3 <= 1e-15 * before**2) & (size <= accuracy) | (size <= 4e-15)
-        if done.all() or np.all(done | (np.abs(residual).max(axis=1) <= ROUNDING)):
+        if not done.all():
+            # Beside a fold or a stretch limit rounding keeps the steps larger than that. A residual that
+            # the last bits of the unknowns make up is zero.
+            noise = np.einsum("nij,jn->ni", np.abs(matrices[:, :-1]), np.abs(states))
+            done |= np.all(np.abs(residual) <= 16.0 * _EPS * noise, axis=1)
+        if done.all():
             return states, np.asarray(solved[:, :, 1].T)
         before = size
     raise NotConverged("states on given planes")
@@ -94,6 +99,38 @@ def at_drive(equations: Equations, guesses: FloatArray) -> FloatArray:
     normals = np.zeros_like(guesses)
     normals[-1] = 1.0
     return on_planes(equations, guesses, normals)[0]
+
+
+def one_at_drive(equations: Equations, guess: FloatArray) -> FloatArray:
+    """The one state at the guess's own v, shape (n_unknowns,); as `at_drive`, without arrays of one."""
+    state: list[float] = guess.tolist()
+    scales: list[float] = equations.scales.tolist()
+    before = np.nan
+    for _ in range(_ITERATIONS):
+        residual, rows = equations.linearised(state)
+        matrix = np.array(rows, dtype=np.float64)[:, :-1]
+        try:
+            step: list[float] = np.linalg.solve(matrix, np.array(residual, dtype=np.float64)).tolist()
+        except np.linalg.LinAlgError:
+            break
+        size = 0.0
+        for i, change in enumerate(step):
+            state[i] -= change
+            size = max(size, abs(change) / max(abs(state[i]), scales[i]))
+        if not size < 1e3:
+            break
+        if size**3 <= 1e-15 * before**2 or size <= 4e-15 or _is_noise(residual, rows, state):
+            return np.array(state)
+        before = size
+    raise NotConverged("state at a given drive")
+
+
+def _is_noise(residual: Sequence[float], rows: Rows, state: Sequence[float]) -> bool:
+    """Whether a residual is no more than the last bits of the unknowns make it."""
+    return all(
+        abs(r) <= 16.0 * _EPS * sum(abs(a * y) for a, y in zip(row, state, strict=True))
+        for r, row in zip(residual, rows, strict=True)
+    )
 
 
 def tangents(equations: Equations, states: FloatArray, towards: FloatArray) -> FloatArray:
@@ -145,12 +182,13 @@ def at_event(equations: Equations, condition: Condition, guess: FloatArray) -> F
         defect = np.array([*residual, condition.margin(values)])
         if not np.all(np.isfinite(defect)):
             break
-        matrix = np.array([*rows, condition.slope(state)], dtype=np.float64) * scales
+        slope = condition.slope(state).tolist()
+        matrix = np.array([*rows, slope], dtype=np.float64) * scales
         step = np.linalg.lstsq(matrix, defect, rcond=1e-9)[0]
         state = state - scales * step
         size = float(np.max(np.abs(step) / np.maximum(np.abs(state / scales), 1.0)))
         settled = size <= 4e-15 or size**3 <= 1e-15 * before**2
-        if settled or (not size < 0.5 * before and np.abs(defect).max() <= ROUNDING):
+        if settled or (not size < 0.5 * before and _is_noise(defect.tolist(), [*rows, slope], values)):
             return np.asarray(state)
         before = size
     raise NotConverged(f"state at a {condition.kind}")

@@ -58,14 +58,14 @@ def stability(equations: Equations) -> Condition:
         return _smallest_eigenvalue(diagonal, squares)
 
     def slope(y: FloatArray) -> FloatArray:
+        # Of the smallest eigenvalue z·Sz: z·S′z, with S′ by complex steps in all unknowns at once.
         mode = softest_mode(equations, y)
-        arms = np.sqrt(np.maximum(equations.stiffness(y.tolist())[1], 0.0))
-        out = np.empty(y.size)
-        for j in range(y.size):
-            diagonal, squares = equations.stiffness(_complex_step(y, j))
-            turn = np.divide(np.imag(squares), 2.0 * arms, out=np.zeros_like(arms), where=arms > 0.0)
-            out[j] = (mode**2 @ np.imag(diagonal) + 2.0 * (mode @ arms) * (mode @ turn)) / _STEP
-        return out
+        diagonal, squares = (
+            np.array(np.broadcast_arrays(*part, y)[:-1]) for part in equations.stiffness(_complex_steps(y))
+        )
+        arms = np.sqrt(np.maximum(squares.real[:, :1], 0.0))
+        turns = np.divide(squares.imag, 2.0 * arms, out=np.zeros_like(squares.imag), where=arms > 0.0)
+        return np.asarray((mode**2 @ diagonal.imag + 2.0 * (mode @ arms) * (mode @ turns)) / _STEP)
 
     return Condition("limit_point", margin, slope)
 
@@ -90,7 +90,7 @@ def intactness(membrane: ElectrodedMembrane, place: int, strength: float) -> Con
         return 1.0 - field * field
 
     def slope(y: FloatArray) -> FloatArray:
-        return np.array([np.imag(margin(_complex_step(y, j))) / _STEP for j in range(y.size)])
+        return np.asarray(np.imag(margin(_complex_steps(y))) / _STEP)
 
     return Condition("breakdown", margin, slope)
 
@@ -98,10 +98,9 @@ def intactness(membrane: ElectrodedMembrane, place: int, strength: float) -> Con
 _STEP = 1e-30
 
 
-def _complex_step(y: FloatArray, j: int) -> list[complex]:
-    stepped: list[complex] = y.tolist()
-    stepped[j] += 1j * _STEP
-    return stepped
+def _complex_steps(y: FloatArray) -> NDArray[np.complex128]:
+    """One state with a complex step in each unknown, columns (n_unknowns, n_unknowns)."""
+    return np.asarray(y[:, None] + 1j * _STEP * np.eye(y.size))
 
 
 def softest_mode(equations: Equations, y: FloatArray) -> FloatArray:

@@ -8,6 +8,8 @@ integrated once more, tightly.
 
 from __future__ import annotations
 
+import contextlib
+import io
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -16,20 +18,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator import equilibrium
+from simulator.elastomer import Number
 from simulator.equilibrium import NotConverged
 from simulator.events import Condition, stability
-from simulator.model import Equations
+from simulator.model import Equations, State
 from simulator.path import Effort
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
 FloatArray = NDArray[np.float64]
 
-_LOOSE = 1e-4
+_LOOSE = 1e-3
 _TIGHT = 1e-11
 _NEAR = 0.05  # how far a Newton step may lead for Newton's method to take over
-_MOST_STEPS = 20_000
+_NEAREST = 1e-7
+_LONGEST = 1e12  # a time never reached
 _NUDGES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  # stretch by which a snap is started off its limit point
 _FAR = 1e3  # stretch, over the largest at the start, at which a flow without a limit counts as runaway
 
@@ -90,16 +94,30 @@ def relax(
 
 
 def snap(
-    equations: Equations, conditions: Sequence[Condition], fold: FloatArray, direction: float, effort: Effort
+    equations: Equations,
+    conditions: Sequence[Condition],
+    fold: FloatArray,
+    escape: FloatArray,
+    effort: Effort,
 ) -> Rest:
-    """Where the state goes from a polished limit point when the drive goes on in `direction`.
+    """Where the state goes from a polished limit point (or branch point) along an unstable direction.
+
+    Parameters
+    ----------
+    equations
+    conditions
+        Those that can end it; stability is not among them.
+    fold : (n_unknowns,) array
+    escape : (n_balloons,) array
+        Unit change of the stretches, downhill.
+    effort : Effort
+        Counters, added to.
 
     Raises
     ------
     FlowError
         If the flow does not lead away from the limit point.
     """
-    escape = equilibrium.escape_direction(equations, fold, direction)
     for distance in _NUDGES:
         start = _nudged(equations, fold, distance * escape)
         if _speed_along(equations, start, escape) > 0.0 and _holds(conditions, start):
@@ -114,27 +132,6 @@ def snap(
         if rest.end is not None or np.max(np.abs(rest.state - fold) / equations.scales) > distance:
             return rest
     raise FlowError("the snap fell back to where it came from")
-
-
-def leave_branch_point(
-    equations: Equations, conditions: Sequence[Condition], point: FloatArray, direction: float, effort: Effort
-) -> Rest:
-    """Where the state goes from a branch point when the drive goes on, along the unstable direction.
-
-    Of the two senses of that direction, equal by symmetry, the one in which the first balloon concerned
-    grows. Where the state leaves at once the new place is far away; where it leaves gradually, v is moved
-    on by a little first, and the new place is near.
-    """
-    escape = equilibrium.escape_direction(equations, point, direction)
-    escape = escape * (1.0 if escape[np.argmax(np.abs(escape) > 1e-6)] > 0.0 else -1.0)
-    for ahead in (0.0, 1e-8, 1e-7, 1e-6, 1e-5):
-        moved = point.copy()
-        moved[-1] += direction * ahead * equations.scales[-1]
-        for distance in _NUDGES:
-            start = _nudged(equations, moved, distance * escape)
-            if _speed_along(equations, start, escape) > 0.0:
-                return relax(equations, conditions, start, effort)
-    raise FlowError("no way on from the branch point")
 
 
 def _nudged(equations: Equations, state: FloatArray, change: FloatArray) -> FloatArray:
@@ -160,79 +157,98 @@ def _flow(
     equations: Equations, conditions: Sequence[Condition], start: FloatArray, rtol: float, effort: Effort
 ) -> tuple[Rest, list[float]]:
     """Where the flow ends, and the smallest value of each margin on the way."""
+    stable = stability(equations).margin
+    count = len(equations.walls)
+    endless = [i for i, wall in enumerate(equations.walls) if math.isinf(wall.elastomer.stretch_limit)]
+    far = _FAR * float(np.max(start[:count]))
+    closest = [math.inf] * len(conditions)
+    state, near = start, _NEAR
+    while near > _NEAREST:
+
+        def resting(y: State, near: float = near) -> float:
+            """Falls through zero where Newton's method would take over."""
+            return _newton_step(equations, y) - near if stable(y) > 0.0 else 1.0
+
+        margins = [condition.margin for condition in conditions]
+        margins.append(resting)
+        if endless:
+            margins.append(lambda y: far - max(y[i] for i in endless))
+        if resting(state.tolist()) > 0.0:
+            states, ended = _integrate(equations, margins, state, rtol, effort)
+            closest = [
+                min(low, float(np.min(margin(states))))
+                for low, margin in zip(closest, margins[: len(conditions)], strict=True)
+            ]
+            state = states[:, -1]
+            if ended < len(conditions):
+                return Rest(state, conditions[ended].kind), closest
+            if ended > len(conditions):
+                return Rest(state, "runaway"), closest
+        landing = _landing(equations, state)
+        if landing is not None:
+            return Rest(landing, None), closest
+        near *= 0.1
+    raise FlowError("the flow slows down where there is no rest")
+
+
+def _integrate(
+    equations: Equations,
+    margins: Sequence[Callable[[State], Number]],
+    start: FloatArray,
+    rtol: float,
+    effort: Effort,
+) -> tuple[FloatArray, int]:
+    """IDA's states along the flow, (n_unknowns, n), until one of the margins falls to zero, and which."""
     from sksundae.ida import IDA
 
     v = float(start[-1])
-    walls = equations.walls
-    count = len(walls)
-    rates = [wall.modulus for wall in walls]
-    margins = [condition.margin for condition in conditions]
-    stable = stability(equations)
+    parts = [
+        (wall.elastomer.pole_form, wall.elastomer.pole_form_slope, wall.modulus) for wall in equations.walls
+    ]
 
     def residual(t: float, y: FloatArray, yp: FloatArray, out: FloatArray) -> None:
-        values = y.tolist()
+        values, speeds = y.tolist(), yp.tolist()
         rows = equations.residual([*values, v])
-        for i in range(count):
-            denominator = walls[i].elastomer.pole_form(values[i])[1]
+        for i, (pole_form, _, modulus) in enumerate(parts):
+            denominator = pole_form(values[i])[1]
             # Beyond the stretch limit there is nothing: IDA takes it for a step too long.
-            rows[i] = rows[i] + denominator / rates[i] * yp[i] if denominator > 0.0 else math.nan
+            rows[i] = rows[i] + denominator / modulus * speeds[i] if denominator > 0.0 else math.nan
         out[:] = rows
 
     def jacobian(
         t: float, y: FloatArray, yp: FloatArray, res: FloatArray, cj: float, out: FloatArray
     ) -> None:
-        values = y.tolist()
+        values, speeds = y.tolist(), yp.tolist()
         _, rows = equations.linearised([*values, v])
-        for i in range(count):
-            elastomer = walls[i].elastomer
-            rows[i][i] += (
-                cj * elastomer.pole_form(values[i])[1] + elastomer.pole_form_slope(values[i])[1] * yp[i]
-            ) / rates[i]
+        for i, (pole_form, slope, modulus) in enumerate(parts):
+            rows[i][i] += (cj * pole_form(values[i])[1] + slope(values[i])[1] * speeds[i]) / modulus
         out[:] = [row[:-1] for row in rows]
 
     def events(t: float, y: FloatArray, yp: FloatArray, out: FloatArray) -> None:
         values = [*y.tolist(), v]
-        for i, margin in enumerate(margins):
-            out[i] = margin(values)
+        out[:] = [margin(values) for margin in margins]
 
     events.direction = [-1] * len(margins)  # type: ignore[attr-defined]
     y0, yp0 = _consistent(equations, start)
     solver: Any = IDA(
         residual,
         jacfn=jacobian,
-        eventsfn=events if margins else None,
+        eventsfn=events,
         num_events=len(margins),
         rtol=rtol,
         atol=rtol * equations.scales[:-1],
-        algebraic_idx=[count] if equations.has_pressure else None,
+        algebraic_idx=[len(parts)] if equations.has_pressure else None,
     )
-    solver.init_step(0.0, y0, yp0)
+    with contextlib.redirect_stdout(io.StringIO()):  # where scikit-sundae prints failures
+        result = solver.solve([0.0, _LONGEST], y0, yp0)
     effort.ida_solves += 1
-    closest = [np.inf] * len(margins)
-    finite = np.isfinite([wall.elastomer.stretch_limit for wall in walls])
-    far = _FAR * float(np.max(start[:count]))
-    try:
-        for _ in range(_MOST_STEPS):
-            result = solver.step(1e12, method="onestep")
-            effort.ida_steps += 1
-            if result.status < 0:
-                raise FlowError(f"IDA: {result.message}")
-            state = np.append(result.y, v)
-            if result.status == 2:
-                place = int(np.flatnonzero(result.i_events[-1])[0])
-                return Rest(state, conditions[place].kind), closest
-            values = state.tolist()
-            closest = [min(low, margin(values)) for low, margin in zip(closest, margins, strict=True)]
-            if np.any(result.y[:count][~finite] > far):
-                return Rest(state, "runaway"), closest
-            landing = _landing(equations, stable, state)
-            if landing is not None:
-                return Rest(landing, None), closest
-    finally:
-        if "result" in locals():
-            effort.residual_calls += int(result.nfev)
-            effort.jacobian_calls += int(result.njev)
-    raise FlowError(f"the flow did not come to rest in {_MOST_STEPS} steps")
+    effort.ida_steps += len(result.t) - 1
+    effort.residual_calls += int(result.nfev)
+    effort.jacobian_calls += int(result.njev)
+    if result.status != 2:
+        raise FlowError(f"IDA: {result.message}")
+    states = np.vstack([result.y.T, np.full(len(result.t), v)])
+    return states, int(np.flatnonzero(result.i_events[-1])[0])
 
 
 def _consistent(equations: Equations, start: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -253,22 +269,23 @@ def _consistent(equations: Equations, start: FloatArray) -> tuple[FloatArray, Fl
     return np.array(values[:-1]), np.array(rates)
 
 
-def _landing(equations: Equations, stable: Condition, state: FloatArray) -> FloatArray | None:
-    """The stable rest that a flowing state is about to reach, or None while it is not certain."""
-    values = state.tolist()
-    if stable.margin(values) <= 0.0:
-        return None
-    residual, rows = equations.linearised(values)
-    step = np.linalg.solve(np.array(rows, dtype=np.float64)[:, :-1], np.array(residual))
-    if np.max(np.abs(step) / equations.scales[:-1]) > _NEAR:
-        return None
+def _newton_step(equations: Equations, y: State) -> float:
+    """Length of the Newton step, in scaled unknowns, from a state to equilibrium at its v."""
+    residual, rows = equations.linearised(y)
+    step = np.linalg.solve(np.array(rows, dtype=np.float64)[:, :-1], np.array(residual, dtype=np.float64))
+    return float(np.max(np.abs(step) / equations.scales[:-1]))
+
+
+def _landing(equations: Equations, state: FloatArray) -> FloatArray | None:
+    """The stable rest that a flowing state is about to reach, or None where that is not certain."""
     try:
-        landing = equilibrium.at_drive(equations, state[:, None])[:, 0]
+        landing = equilibrium.one_at_drive(equations, state)
     except NotConverged:
         return None
-    # Stable all the way there: nothing else can hold the flow up in between.
+    # Near, and stable all the way there: nothing else can hold the flow up in between.
     if np.max(np.abs(landing - state) / equations.scales) > 2.0 * _NEAR:
         return None
-    if any(stable.margin((state + share * (landing - state)).tolist()) <= 0.0 for share in (0.5, 1.0)):
+    stable = stability(equations).margin
+    if any(stable((state + share * (landing - state)).tolist()) <= 0.0 for share in (0.5, 1.0)):
         return None
     return landing

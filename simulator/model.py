@@ -19,10 +19,10 @@ floats, complex numbers, or rows of arrays, and compute with whatever they are g
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +67,13 @@ class Membrane:
             -denominator * per_pressure,
             0.0,
         )
+
+    def stiffness(self, stretch: Number, pressure: Number, v: Number) -> tuple[Number, Number]:
+        """∂R/∂λ and D."""
+        _, denominator = self.elastomer.pole_form(stretch)
+        numerator_slope, denominator_slope = self.elastomer.pole_form_slope(stretch)
+        load = self.pressure_load * pressure * stretch
+        return numerator_slope - load * (denominator_slope * stretch + 2.0 * denominator), denominator
 
     def potential(self, stretch: Number, v: Number) -> Number:
         """Elastic energy r²hk ŵ."""
@@ -124,6 +131,21 @@ class ElectrodedMembrane:
             - denominator * ((2.0 * mechanical + 3.0 * electric) / stretch),
             -denominator * per_pressure,
             -denominator * (2.0 * self.rate) * per_voltage,
+        )
+
+    def stiffness(self, stretch: Number, pressure: Number, v: Number) -> tuple[Number, Number]:
+        """∂R/∂λ and D."""
+        wall = self.wall
+        _, denominator = wall.elastomer.pole_form(stretch)
+        numerator_slope, denominator_slope = wall.elastomer.pole_form_slope(stretch)
+        voltage = self.offset + self.rate * v
+        mechanical = wall.pressure_load * pressure * stretch
+        electric = self.electric_load * voltage * voltage * stretch * stretch
+        return (
+            numerator_slope
+            - denominator_slope * stretch * (mechanical + electric)
+            - denominator * (2.0 * mechanical + 3.0 * electric),
+            denominator,
         )
 
     def field(self, stretch: Number, v: Number) -> Number:
@@ -220,6 +242,19 @@ class SealedBalloons:
     def walls(self) -> tuple[Membrane, ...]:
         return tuple(_wall(m) for m in self.membranes)
 
+    # What IDA asks for at every step, looked up once.
+    @cached_property
+    def _forces(self) -> tuple[list[Callable[..., Number]], list[float]]:
+        return [m.force for m in self.membranes], [w.cube for w in self.walls]
+
+    @cached_property
+    def _stiffnesses(self) -> tuple[list[Callable[..., Any]], list[float], list[float]]:
+        return (
+            [m.stiffness for m in self.membranes],
+            [w.cube for w in self.walls],
+            [w.weight for w in self.walls],
+        )
+
     @cached_property
     def scales(self) -> FloatArray:
         softest = min(1.0 / wall.pressure_load for wall in self.walls)
@@ -229,9 +264,9 @@ class SealedBalloons:
         *stretches, pressure, v = y
         out: list[Number] = []
         volume: Number = 0.0
-        for membrane, wall, x in zip(self.membranes, self.walls, stretches, strict=True):
-            out.append(membrane.force(x, pressure, v))
-            volume = volume + wall.cube * x * x * x
+        for force, cube, x in zip(*self._forces, stretches, strict=True):
+            out.append(force(x, pressure, v))
+            volume = volume + cube * x * x * x
         out.append((pressure + self.ambient) * volume / (3.0 * self.amount) - 1.0)
         return out
 
@@ -261,10 +296,11 @@ class SealedBalloons:
         diagonal: list[Number] = []
         areas: list[Number] = []
         volume: Number = 0.0
-        for membrane, wall, x in zip(self.membranes, self.walls, stretches, strict=True):
-            diagonal.append(membrane.linearised(x, pressure, v)[1])
-            area = wall.cube * x * x
-            areas.append(area * area * (wall.elastomer.pole_form(x)[1] / wall.weight))
+        for stiffness, cube, weight, x in zip(*self._stiffnesses, stretches, strict=True):
+            slope, denominator = stiffness(x, pressure, v)
+            diagonal.append(slope)
+            area = cube * x * x
+            areas.append(area * area * denominator / weight)
             volume = volume + area * x
         gas = 9.0 * self.amount / (volume * volume)
         return diagonal, [gas * area for area in areas]
@@ -334,7 +370,7 @@ class OpenBalloon:
 
     def stiffness(self, y: State) -> tuple[list[Number], list[Number]]:
         x, v = y
-        return [self.membrane.linearised(x, self.pressure_offset + self.pressure_rate * v, v)[1]], [0.0]
+        return [self.membrane.stiffness(x, self.pressure_offset + self.pressure_rate * v, v)[0]], [0.0]
 
     def pressure(self, y: State) -> Number:
         return self.pressure_offset + self.pressure_rate * y[1]

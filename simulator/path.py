@@ -13,6 +13,8 @@ branch, back and forth and again, costs no integration.
 
 from __future__ import annotations
 
+import contextlib
+import io
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -30,10 +32,12 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 # Gauss–Legendre points on [0, 1]: checks and work integrals within each interval between points.
-_GAUSS_POINTS = 0.5 + 0.5 * np.polynomial.legendre.leggauss(4)[0]
-_GAUSS_WEIGHTS = 0.5 * np.polynomial.legendre.leggauss(4)[1]
+_GAUSS_POINTS = 0.5 + 0.5 * np.polynomial.legendre.leggauss(5)[0]
+_GAUSS_WEIGHTS = 0.5 * np.polynomial.legendre.leggauss(5)[1]
 _LONGEST = 1e9  # an arclength never reached
 _TIGHTEST = 1e-9
+_MOST_SAMPLES = 16  # sets of samples that a branch remembers
+_LEAVE = 1e-3  # stretch by which a branch is started off the branch point that it leaves
 _SHORT = 1e-7  # in v over its scale: too short a piece to be integrated
 _ULPS = 4.0 * np.finfo(float).eps  # two values of v closer than this, relatively, are one
 
@@ -126,7 +130,7 @@ def _short(
     nodes = np.repeat(start[:, None], 2, axis=1)
     nodes[-1, 1] = target
     try:
-        nodes[:, 1:] = equilibrium.at_drive(equations, nodes[:, 1:])
+        nodes[:, 1] = equilibrium.one_at_drive(equations, nodes[:, 1])
     except NotConverged:
         return None
     ahead = np.zeros_like(nodes)
@@ -155,24 +159,28 @@ def _integrate(
     sense = 1.0 if target > start[-1] else -1.0
     scales = equations.scales
     weights: list[float] = (1.0 / scales**2).tolist()
-    last = len(start) - 1
     margins = [condition.margin for condition in conditions]
 
     def residual(s: float, y: FloatArray, yp: FloatArray, out: FloatArray) -> None:
-        out[:last] = equations.residual(y.tolist())
-        out[last] = sum([w * d * d for w, d in zip(weights, yp.tolist(), strict=True)]) - 1.0
+        values = equations.residual(y.tolist())
+        speed = -1.0
+        for w, d in zip(weights, yp.tolist(), strict=True):
+            speed += w * d * d
+        values.append(speed)
+        out[:] = values
 
     def jacobian(
         s: float, y: FloatArray, yp: FloatArray, res: FloatArray, cj: float, out: FloatArray
     ) -> None:
-        out[:last] = equations.linearised(y.tolist())[1]
-        out[last] = [2.0 * cj * w * d for w, d in zip(weights, yp.tolist(), strict=True)]
+        _, rows = equations.linearised(y.tolist())
+        rows.append([2.0 * cj * w * d for w, d in zip(weights, yp.tolist(), strict=True)])
+        out[:] = rows
 
     def events(s: float, y: FloatArray, yp: FloatArray, out: FloatArray) -> None:
         values = y.tolist()
-        for i, margin in enumerate(margins):
-            out[i] = margin(values)
-        out[-1] = sense * (target - values[last])
+        found = [margin(values) for margin in margins]
+        found.append(sense * (target - values[-1]))
+        out[:] = found
 
     events.direction = [-1] * (len(margins) + 1)  # type: ignore[attr-defined]
     ahead = np.zeros_like(start)
@@ -188,7 +196,10 @@ def _integrate(
         min_step=1e-12,
         max_step=largest_step or _LONGEST,
     )
-    result = solver.solve([0.0, _LONGEST], start, direction)
+    with contextlib.redirect_stdout(
+        io.StringIO()
+    ):  # where scikit-sundae prints failures that are mended here
+        result = solver.solve([0.0, _LONGEST], start, direction)
     effort.ida_solves += 1
     effort.ida_steps += len(result.t) - 1
     effort.residual_calls += int(result.nfev)
@@ -280,7 +291,7 @@ def _polished_end(
     if ended == len(conditions):
         found[-1] = target
         try:
-            return equilibrium.at_drive(equations, found[:, None])[:, 0], None
+            return equilibrium.one_at_drive(equations, found), None
         except NotConverged:
             # At a fixed v Newton's method fails right beside a fold; the fold itself can be found.
             ended = 0
@@ -293,7 +304,7 @@ def _polished_end(
     share = (target - inside[-1]) / (event[-1] - inside[-1])
     found = event + (inside - event) * np.sqrt(max(1.0 - share, 0.0))
     found[-1] = target
-    return equilibrium.at_drive(equations, found[:, None])[:, 0], None
+    return equilibrium.one_at_drive(equations, found), None
 
 
 def rounding(equations: Equations, v: float) -> float:
@@ -375,31 +386,65 @@ class Branch:
     lower: BranchEnd | None = None
     upper: BranchEnd | None = None
     _works: dict[tuple[float, float], float] = field(default_factory=dict, repr=False)
+    _corners: dict[float, FloatArray] = field(default_factory=dict, repr=False)
+    _samples: dict[bytes, FloatArray] = field(default_factory=dict, repr=False)
     _cubics: _Cubics | None = field(default=None, repr=False)
 
     @classmethod
     def through(cls, equations: Equations, conditions: tuple[Condition, ...], state: FloatArray) -> Branch:
         """The branch through a polished state, nothing else of it known yet."""
-        ahead = np.zeros((state.size, 1))
-        ahead[-1] = 1.0
-        tangents = equilibrium.tangents(equations, state[:, None], ahead)
-        return cls(equations, conditions, state[:, None].copy(), tangents, np.zeros(0))
+        return cls(equations, conditions, state[:, None].copy(), np.zeros((state.size, 1)), np.zeros(0))
+
+    @classmethod
+    def leaving(
+        cls,
+        equations: Equations,
+        conditions: tuple[Condition, ...],
+        point: FloatArray,
+        escape: FloatArray,
+        direction: float,
+    ) -> Branch | None:
+        """The stable branch that leaves a branch point along `escape` as v goes on; None if it goes back in v.
+
+        Parameters
+        ----------
+        equations, conditions
+        point : (n_unknowns,) array
+            The branch point, which becomes an end of the new branch.
+        escape : (n_balloons,) array
+            Unit change of the stretches.
+        direction : ±1
+            Sense in which v goes on.
+        """
+        out = np.zeros((point.size, 1))
+        out[: escape.size, 0] = escape
+        weights = 1.0 / equations.scales[:, None] ** 2
+        near, rates = equilibrium.on_planes(equations, point[:, None] + _LEAVE * out, weights * out)
+        if (near[-1, 0] - point[-1]) * direction <= 0.0 or conditions[0].margin(near[:, 0].tolist()) <= 0.0:
+            return None
+        nodes = np.concatenate([point[:, None], near], axis=1)
+        tangents = np.concatenate([equilibrium.unit(equations, d) for d in (out, rates)], axis=1)
+        _, work = _between(equations, nodes, tangents)
+        end = BranchEnd(conditions[0].kind, point)
+        if direction > 0.0:
+            return cls(equations, conditions, nodes, tangents, work, lower=end)
+        return cls(equations, conditions, nodes[:, ::-1], -tangents[:, ::-1], -work, upper=end)
 
     def reach(self, v: float, rtol: float, effort: Effort) -> BranchEnd | None:
         """Follow the branch until it is known at `v`; return the end that comes before it, if one does."""
         low, high = self.known_range()
         if v > high and self.upper is None:
             segment = follow(self.equations, self.conditions, self.states[:, -1], v, rtol, effort)
-            self.states = np.concatenate([self.states, segment.states[:, 1:]], axis=1)
-            self.tangents = np.concatenate([self.tangents, segment.tangents[:, 1:]], axis=1)
+            self.states = np.concatenate([self.states[:, :-1], segment.states], axis=1)
+            self.tangents = np.concatenate([self.tangents[:, :-1], segment.tangents], axis=1)
             self.work = np.concatenate([self.work, segment.work])
             self._cubics = None
             if segment.end is not None:
                 self.upper = BranchEnd(segment.end, segment.states[:, -1].copy())
         elif v < low and self.lower is None:
             segment = follow(self.equations, self.conditions, self.states[:, 0], v, rtol, effort)
-            self.states = np.concatenate([segment.states[:, :0:-1], self.states], axis=1)
-            self.tangents = np.concatenate([-segment.tangents[:, :0:-1], self.tangents], axis=1)
+            self.states = np.concatenate([segment.states[:, ::-1], self.states[:, 1:]], axis=1)
+            self.tangents = np.concatenate([-segment.tangents[:, ::-1], self.tangents[:, 1:]], axis=1)
             self.work = np.concatenate([-segment.work[::-1], self.work])
             self._cubics = None
             if segment.end is not None:
@@ -414,20 +459,45 @@ class Branch:
         low, high = float(self.states[-1, 0]), float(self.states[-1, -1])
         return low - rounding(self.equations, low), high + rounding(self.equations, high)
 
+    def state_at(self, v: float) -> FloatArray:
+        """The state at one v within the known range, shape (n_unknowns,). Raises NotConverged."""
+        if v not in self._corners:
+            self._corners[v] = self._solved_one(v)
+        return self._corners[v]
+
     def at(self, v: FloatArray) -> FloatArray:
         """States at n values of v within the known range, shape (n_unknowns, n). Raises NotConverged."""
-        if self.states.shape[1] == 1:
-            return np.repeat(self.states, len(v), axis=1)
-        place = np.clip(np.searchsorted(self.states[-1], v, side="right") - 1, 0, self.states.shape[1] - 2)
-        states = self._guess(place, v)
+        # Cycles ask for the same samples again and again.
+        key = v.tobytes()
+        if key not in self._samples:
+            if len(self._samples) >= _MOST_SAMPLES:
+                self._samples.clear()
+            self._samples[key] = self._solved(v)
+        return self._samples[key]
+
+    def _solved(self, v: FloatArray) -> FloatArray:
+        nodes = self.states[-1]
+        if nodes.size == 1:
+            return np.repeat(self.states, v.size, axis=1)
+        place = np.clip(np.searchsorted(nodes, v, side="right") - 1, 0, nodes.size - 2)
         # Points of the branch are taken as they are: at a fold, Newton at fixed v cannot do better.
-        below, above = v <= self.states[-1, place], v >= self.states[-1, place + 1]
-        states[:, below] = self.states[:, place[below]]
-        states[:, above] = self.states[:, place[above] + 1]
-        between = ~(below | above)
-        if np.any(between):
-            states[:, between] = equilibrium.at_drive(self.equations, states[:, between])
+        states = self.states[:, np.where(v >= nodes[place + 1], place + 1, place)]
+        between = (v > nodes[place]) & (v < nodes[place + 1])
+        if between.any():
+            guesses = self._guess(place[between], v[between])
+            states[:, between] = equilibrium.at_drive(self.equations, guesses)
         return states
+
+    def _solved_one(self, v: float) -> FloatArray:
+        nodes = self.states[-1]
+        if nodes.size == 1 or v >= nodes[-1]:
+            return self.states[:, -1]
+        if v <= nodes[0]:
+            return self.states[:, 0]
+        place = int(np.searchsorted(nodes, v, side="right")) - 1
+        if nodes[place] == v:
+            return self.states[:, place]
+        return equilibrium.one_at_drive(self.equations, self._guess(np.array([place]), np.array([v]))[:, 0])
 
     def _guess(self, place: NDArray[np.int64], v: FloatArray) -> FloatArray:
         """Interpolated states at v, each in its interval."""
@@ -466,7 +536,7 @@ class Branch:
         """Work over a part of one interval."""
         if start == end:
             return 0.0
-        points = self.at(np.array([start, end]))
+        points = np.stack([self.state_at(start), self.state_at(end)], axis=1)
         if end - start < _SHORT * self.equations.scales[-1]:
             return float(0.5 * np.sum(np.asarray(self.equations.drive_power(points))) * (end - start))
         chord = np.repeat(np.diff(points, axis=1), 2, axis=1)

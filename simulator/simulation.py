@@ -230,7 +230,7 @@ class _Run:
             self.clock = start + lasts * fraction
             v = float(next(iter(turns.values())).happenings[0].before[-1])
             states = [
-                self._state(w.group, v) if b is None else b.at(np.array([v]))[:, 0]
+                self._state(w.group, v) if b is None else b.state_at(v)
                 for w, b in zip(walks, at, strict=True)
             ]
             for place, turn in turns.items():
@@ -387,7 +387,7 @@ class _Run:
             return
         equations = walk.group.equations
         work = branch.work_between(start, end)
-        before, after = (branch.at(np.array([v]))[:, 0] for v in (start, end))
+        before, after = branch.state_at(start), branch.state_at(end)
         self._book(
             equations,
             before,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from simulator import flow
 from simulator.assembly import AnyEquations, Group
 from simulator.drive import Waveform
-from simulator.equilibrium import is_fold
+from simulator.equilibrium import escape_direction, is_fold
 from simulator.model import ElectrodedMembrane, SealedBalloons
 from simulator.path import Branch, BranchEnd, Effort, PathError
 
@@ -64,10 +64,11 @@ class Atlas:
     def branch_at(self, group: Group, state: FloatArray) -> Branch:
         """The branch through a stable state: a known one if it is on one."""
         known = self.branches.setdefault(group.equations, [])
-        v = state[-1:]
+        v = float(state[-1])
         for branch in known:
-            if branch.states[-1, 0] <= v[0] <= branch.states[-1, -1]:
-                gap = np.abs(branch.at(v)[:, 0] - state) / group.equations.scales
+            low, high = branch.known_range()
+            if low <= v <= high:
+                gap = np.abs(branch.state_at(v) - state) / group.equations.scales
                 if gap.max() < 1e-8:
                     return branch
         known.append(Branch.through(group.equations, group.conditions, state))
@@ -126,14 +127,37 @@ class Atlas:
         if end.kind != "limit_point":
             return (Happening(end.kind, end.state),), None
         if is_fold(equations, end.state):
-            rest = flow.snap(equations, others, end.state, direction, self.effort)
+            escape = escape_direction(equations, end.state, direction)
+            rest = flow.snap(equations, others, end.state, escape, self.effort)
             found = arrivals(equations, "limit_point", end.state, rest)
-        else:
-            rest = flow.leave_branch_point(equations, others, end.state, direction, self.effort)
-            found = arrivals(equations, "branch_point", end.state, rest)
-        if rest.end is not None:
-            return found, None
-        return found, self.branch_at(group, rest.state)
+            return found, None if rest.end is not None else self.branch_at(group, rest.state)
+        return self._past_branch_point(group, end.state, direction)
+
+    def _past_branch_point(
+        self, group: Group, point: FloatArray, direction: float
+    ) -> tuple[tuple[Happening, ...], Branch | None]:
+        """How it goes on from a branch point: gradually along another branch, or by a snap.
+
+        Of the two senses of the unstable direction, equal by symmetry, the one in which the first balloon
+        concerned grows.
+        """
+        equations, others = group.equations, group.conditions[1:]
+        here = (Happening("branch_point", point, point, 0.0),)
+        known = self.branches[equations]
+        for branch in known:
+            # Where the history came from when it passed here in the other sense.
+            end = branch.upper if direction < 0.0 else branch.lower
+            if end is not None and np.abs(end.state - point).max() < 1e-7 and branch.states.shape[1] > 1:
+                return here, branch
+        mode = escape_direction(equations, point, direction)
+        escape = mode * np.sign(mode[np.argmax(np.abs(mode) > 1e-3)])
+        gradual = Branch.leaving(equations, group.conditions, point, escape, direction)
+        if gradual is not None:
+            known.append(gradual)
+            return here, gradual
+        rest = flow.snap(equations, others, point, escape, self.effort)
+        found = arrivals(equations, "branch_point", point, rest)
+        return found, None if rest.end is not None else self.branch_at(group, rest.state)
 
     def settle(self, group: Group, kind: str, start: FloatArray, before: FloatArray) -> Turn:
         """A change at once: the flow from `start`, no equilibrium; `before` is the state recorded."""
