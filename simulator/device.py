@@ -55,6 +55,21 @@ class Device:
             ambient=scenario.gas.ambient_pressure,
         )
 
+    def bare(self, balloon: int) -> Device:
+        """One balloon by itself and without electrodes."""
+        one = slice(balloon, balloon + 1)
+        return Device(
+            self.names[one],
+            self.elastomers[one],
+            self.radius[one],
+            self.thickness[one],
+            self.modulus[one],
+            self.permittivity[one],
+            (),
+            (),
+            self.ambient,
+        )
+
     @cached_property
     def walls(self) -> tuple[Membrane, ...]:
         """The balloons' walls without voltages."""

@@ -184,7 +184,9 @@ def at_event(equations: Equations, condition: Condition, guess: FloatArray) -> F
             break
         slope = condition.slope(state).tolist()
         matrix = np.array([*rows, slope], dtype=np.float64) * scales
-        step = np.linalg.lstsq(matrix, defect, rcond=1e-9)[0]
+        # Rows of one size, so that only a true singularity is cut off, not a small row.
+        sizes = np.sqrt(np.einsum("ij,ij->i", matrix, matrix))
+        step = np.linalg.lstsq(matrix / sizes[:, None], defect / sizes, rcond=1e-9)[0]
         state = state - scales * step
         size = float(np.max(np.abs(step) / np.maximum(np.abs(state / scales), 1.0)))
         settled = size <= 4e-15 or size**3 <= 1e-15 * before**2

@@ -52,20 +52,25 @@ def conditions(
 
 def stability(equations: Equations) -> Condition:
     """Smallest eigenvalue of the scaled Hessian S; zero at limit points and branch points."""
+    return singularity(equations, 0, 1.0)
+
+
+def singularity(equations: Equations, place: int, sign: float) -> Condition:
+    """±1 times the eigenvalue of S at a place in ascending order; zero where S is singular."""
 
     def margin(y: State) -> Number:
         diagonal, squares = equations.stiffness(y)
-        return _smallest_eigenvalue(diagonal, squares)
+        return sign * _eigenvalue(diagonal, squares, place)
 
     def slope(y: FloatArray) -> FloatArray:
-        # Of the smallest eigenvalue z·Sz: z·S′z, with S′ by complex steps in all unknowns at once.
-        mode = softest_mode(equations, y)
+        # Of the eigenvalue z·Sz: z·S′z, with S′ by complex steps in all unknowns at once.
+        mode = softest_mode(equations, y, place)
         diagonal, squares = (
             np.array(np.broadcast_arrays(*part, y)[:-1]) for part in equations.stiffness(_complex_steps(y))
         )
         arms = np.sqrt(np.maximum(squares.real[:, :1], 0.0))
         turns = np.divide(squares.imag, 2.0 * arms, out=np.zeros_like(squares.imag), where=arms > 0.0)
-        return np.asarray((mode**2 @ diagonal.imag + 2.0 * (mode @ arms) * (mode @ turns)) / _STEP)
+        return np.asarray(sign * (mode**2 @ diagonal.imag + 2.0 * (mode @ arms) * (mode @ turns)) / _STEP)
 
     return Condition("limit_point", margin, slope)
 
@@ -103,15 +108,22 @@ def _complex_steps(y: FloatArray) -> NDArray[np.complex128]:
     return np.asarray(y[:, None] + 1j * _STEP * np.eye(y.size))
 
 
-def softest_mode(equations: Equations, y: FloatArray) -> FloatArray:
-    """Unit eigenvector of S at one state for its smallest eigenvalue, shape (n_balloons,)."""
+def eigenvalues(equations: Equations, y: FloatArray) -> FloatArray:
+    """Eigenvalues of S at one state, ascending, shape (n_balloons,)."""
+    diagonal, squares = equations.stiffness(y.tolist())
+    arms = np.sqrt(np.maximum(squares, 0.0))
+    return np.asarray(np.linalg.eigvalsh(np.diag(diagonal) + np.outer(arms, arms)))
+
+
+def softest_mode(equations: Equations, y: FloatArray, place: int = 0) -> FloatArray:
+    """Unit eigenvector of S at one state for its smallest eigenvalue (or that at `place`), (n_balloons,)."""
     diagonal, squares = equations.stiffness(y.tolist())
     arms = np.sqrt(np.maximum(squares, 0.0))
     _, vectors = np.linalg.eigh(np.diag(diagonal) + np.outer(arms, arms))
-    return np.asarray(vectors[:, 0])
+    return np.asarray(vectors[:, place])
 
 
-def _smallest_eigenvalue(diagonal: list[Number], squares: list[Number]) -> Number:
+def _eigenvalue(diagonal: list[Number], squares: list[Number], place: int) -> Number:
     if len(diagonal) == 1:
         return diagonal[0] + squares[0]
     if len(diagonal) == 2:
@@ -120,10 +132,10 @@ def _smallest_eigenvalue(diagonal: list[Number], squares: list[Number]) -> Numbe
         square = half * half + s * t
         # D, and with it s or t, can be a rounding error below zero at the stretch limit.
         root = math.sqrt(max(square, 0.0)) if isinstance(square, float) else np.sqrt(np.maximum(square, 0.0))
-        return 0.5 * (d + s + e + t) - root
+        return 0.5 * (d + s + e + t) + (root if place else -root)
     arms = np.sqrt(np.maximum(np.asarray(squares).T, 0.0))
     matrices = arms[..., :, None] * arms[..., None, :]
     index = np.arange(len(diagonal))
     matrices[..., index, index] += np.asarray(diagonal).T
-    smallest = np.linalg.eigvalsh(matrices)[..., 0]
-    return float(smallest) if smallest.ndim == 0 else smallest
+    found = np.linalg.eigvalsh(matrices)[..., place]
+    return float(found) if found.ndim == 0 else found

@@ -32,10 +32,17 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 # Gauss–Legendre points on [0, 1]: checks and work integrals within each interval between points.
-_GAUSS_POINTS = 0.5 + 0.5 * np.polynomial.legendre.leggauss(5)[0]
-_GAUSS_WEIGHTS = 0.5 * np.polynomial.legendre.leggauss(5)[1]
+GAUSS_POINTS = 0.5 + 0.5 * np.polynomial.legendre.leggauss(5)[0]
+GAUSS_WEIGHTS = 0.5 * np.polynomial.legendre.leggauss(5)[1]
+# Integrals from 0 to each Gauss point of what is given at all of them.
+GAUSS_INTEGRALS = np.linalg.solve(
+    np.vander(GAUSS_POINTS, increasing=True).T,
+    (GAUSS_POINTS[:, None] ** np.arange(1, 6) / np.arange(1, 6)).T,
+).T
 _LONGEST = 1e9  # an arclength never reached
-_TIGHTEST = 1e-9
+_TIGHTEST = 1e-12
+# Tolerance, over the one asked for, and longest step (0: any) of each attempt to follow a piece.
+_ATTEMPTS = ((1.0, 0.0), (0.1, 0.0), (1e-2, 0.25), (1e-3, 0.05), (1e-4, 0.01), (1e-5, 2e-3))
 _MOST_SAMPLES = 16  # sets of samples that a branch remembers
 _LEAVE = 1e-3  # stretch by which a branch is started off the branch point that it leaves
 _SHORT = 1e-7  # in v over its scale: too short a piece to be integrated
@@ -108,19 +115,16 @@ def follow(
         short = _short(equations, conditions, start, target)
         if short is not None:
             return short
-    largest_step = 0.0
-    while True:
+    failure = None
+    for tighter, largest_step in _ATTEMPTS:
         try:
             points, directions, ended = _integrate(
-                equations, conditions, start, target, rtol, largest_step, effort
+                equations, conditions, start, target, max(rtol * tighter, _TIGHTEST), largest_step, effort
             )
             return _polished(equations, conditions, points, directions, ended, target)
-        except NotConverged as failure:
-            # Half the tolerance's digits went into too long a step: shorter ones, then.
-            largest_step = 0.25 if not largest_step else 0.25 * largest_step
-            rtol *= 0.1
-            if rtol < _TIGHTEST:
-                raise PathError(f"{failure} from v = {start[-1]:.12g} to {target:.12g}") from failure
+        except NotConverged as not_converged:
+            failure = not_converged
+    raise PathError(f"{failure} from v = {start[-1]:.12g} to {target:.12g}") from failure
 
 
 def _short(
@@ -231,23 +235,28 @@ def _polished(
         )
         tangents[:, inner] = equilibrium.unit(equations, rates)
     _check_smooth(weights, points, nodes, tangents, moved)
-    dense, work = _between(equations, nodes, tangents)
+    dense, speeds = between(equations, nodes, tangents)
     _check_margins(conditions, nodes, dense, end)
-    return Segment(nodes, tangents, work, end)
+    return Segment(nodes, tangents, work(equations, dense, speeds), end)
 
 
-def _between(equations: Equations, nodes: FloatArray, tangents: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """States at the Gauss points between nodes, (n_unknowns, n − 1, k), and the drive's work, (n − 1,)."""
+def between(equations: Equations, nodes: FloatArray, tangents: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """States at the Gauss points between nodes, and how fast they pass, (n_unknowns, n − 1, k) both.
+
+    The speeds are dy/dξ, with ξ ∈ [0, 1] the parameter of the cubic through each two nodes.
+    """
     weights = 1.0 / equations.scales[:, None] ** 2
     guesses, slopes, bends = _Cubics.through(weights, nodes, tangents).at_gauss_points()
     states, rates = equilibrium.on_planes(equations, guesses, weights * slopes, accuracy=1e-9)
     # On planes across the cubic c(ξ) the state moves at dy/dξ = rate (|c′|² − c″·(y − c)).
-    speed = np.sum(weights * (slopes * slopes - bends * (states - guesses)), axis=0)
-    power = np.asarray(equations.drive_power(states)) * rates[-1] * speed
-    intervals = nodes.shape[1] - 1
-    return states.reshape(len(nodes), intervals, -1), np.asarray(
-        power.reshape(intervals, -1) @ _GAUSS_WEIGHTS
-    )
+    speeds = rates * np.sum(weights * (slopes * slopes - bends * (states - guesses)), axis=0)
+    shape = (len(nodes), nodes.shape[1] - 1, -1)
+    return states.reshape(shape), speeds.reshape(shape)
+
+
+def work(equations: Equations, states: FloatArray, speeds: FloatArray) -> FloatArray:
+    """∫ −∂Π/∂v dv over every interval, (n − 1,), from what `between` returns."""
+    return np.asarray((np.asarray(equations.drive_power(states)) * speeds[-1]) @ GAUSS_WEIGHTS)
 
 
 @dataclass(frozen=True)
@@ -273,7 +282,7 @@ class _Cubics:
 
     def at_gauss_points(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Values, first and second derivatives at the Gauss points, (n_unknowns, n k)."""
-        x = _GAUSS_POINTS
+        x = GAUSS_POINTS
         y0, m0, a, b = (part[:, :, None] for part in (self.y0, self.m0, self.a, self.b))
         flat = (len(self.y0), -1)
         return (
@@ -404,7 +413,7 @@ class Branch:
         escape: FloatArray,
         direction: float,
     ) -> Branch | None:
-        """The stable branch that leaves a branch point along `escape` as v goes on; None if it goes back in v.
+        """The stable branch that leaves a branch point along `escape` as v goes on; None if v turns back.
 
         Parameters
         ----------
@@ -424,11 +433,11 @@ class Branch:
             return None
         nodes = np.concatenate([point[:, None], near], axis=1)
         tangents = np.concatenate([equilibrium.unit(equations, d) for d in (out, rates)], axis=1)
-        _, work = _between(equations, nodes, tangents)
+        done = work(equations, *between(equations, nodes, tangents))
         end = BranchEnd(conditions[0].kind, point)
         if direction > 0.0:
-            return cls(equations, conditions, nodes, tangents, work, lower=end)
-        return cls(equations, conditions, nodes[:, ::-1], -tangents[:, ::-1], -work, upper=end)
+            return cls(equations, conditions, nodes, tangents, done, lower=end)
+        return cls(equations, conditions, nodes[:, ::-1], -tangents[:, ::-1], -done, upper=end)
 
     def reach(self, v: float, rtol: float, effort: Effort) -> BranchEnd | None:
         """Follow the branch until it is known at `v`; return the end that comes before it, if one does."""
@@ -541,7 +550,7 @@ class Branch:
             return float(0.5 * np.sum(np.asarray(self.equations.drive_power(points))) * (end - start))
         chord = np.repeat(np.diff(points, axis=1), 2, axis=1)
         directions = equilibrium.tangents(self.equations, points, chord)
-        return float(_between(self.equations, points, directions)[1][0])
+        return float(work(self.equations, *between(self.equations, points, directions))[0])
 
 
 def _where(ahead: FloatArray, m0: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:

@@ -181,7 +181,7 @@ def arrivals(
 
 
 def loses_tension(equations: AnyEquations, state: FloatArray, target: float) -> bool:
-    """Whether tension is lost at once: no pressure, valve closed, a voltage about to rise towards `target`."""
+    """Whether tension is lost at once: no pressure, valve closed, a voltage rising towards `target`."""
     if not isinstance(equations, SealedBalloons) or state[-2] > 0.0:
         return False
     v = float(state[-1])
