@@ -166,8 +166,11 @@ def _flow(
     while near > _NEAREST:
 
         def resting(y: State, near: float = near) -> float:
-            """Falls through zero where Newton's method would take over."""
-            return _newton_step(equations, y) - near if stable(y) > 0.0 else 1.0
+            """Falls through zero where a Newton step, at most |R| over the smallest eigenvalue, is short."""
+            softest = stable(y)
+            if softest <= 0.0:
+                return 1.0
+            return min(max(map(abs, equations.residual(y))) / softest - near, 1.0)
 
         margins = [condition.margin for condition in conditions]
         margins.append(resting)
@@ -267,13 +270,6 @@ def _consistent(equations: Equations, start: FloatArray) -> tuple[FloatArray, Fl
     if equations.has_pressure:
         rates.append(-sum(rows[count][i] * rates[i] for i in range(count)) / rows[count][count])
     return np.array(values[:-1]), np.array(rates)
-
-
-def _newton_step(equations: Equations, y: State) -> float:
-    """Length of the Newton step, in scaled unknowns, from a state to equilibrium at its v."""
-    residual, rows = equations.linearised(y)
-    step = np.linalg.solve(np.array(rows, dtype=np.float64)[:, :-1], np.array(residual, dtype=np.float64))
-    return float(np.max(np.abs(step) / equations.scales[:-1]))
 
 
 def _landing(equations: Equations, state: FloatArray) -> FloatArray | None:

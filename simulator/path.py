@@ -197,7 +197,10 @@ def _integrate(
         num_events=len(margins) + 1,
         rtol=rtol,
         atol=rtol * scales,
+        # IDA starts at order one, whose error over a step h along a curve is about h²; its own guess is h.
+        first_step=min(float(np.sqrt(rtol)), largest_step or _LONGEST),
         min_step=1e-12,
+        max_nonlin_iters=8,  # |dy/ds|² = 1 is quadratic: now and then the default of 4 is too few
         max_step=largest_step or _LONGEST,
     )
     with contextlib.redirect_stdout(
