@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from simulator.explanation import explain
-    from simulator.export import OutputError
+    from simulator.files import OutputError
     from simulator.history import EnergyBalance, Event, EventKind, History, Outcome, SolverStatistics
     from simulator.scenario import Scenario, ScenarioError, load_scenario
     from simulator.simulation import SolverError, simulate
@@ -43,7 +43,7 @@ _HOME = {
     "EventKind": "history",
     "History": "history",
     "Outcome": "history",
-    "OutputError": "export",
+    "OutputError": "files",
     "Scenario": "scenario",
     "ScenarioError": "scenario",
     "SolverError": "simulation",

@@ -1,7 +1,7 @@
 """The command `balloons`: words in, words out, no physics.
 
-Exit codes: 0 for a run that ended in any physical way; 2 for a scenario, an option or an output
-directory that makes no sense, with nothing written; 3 for a solver failure, with the part of the
+Exit codes: 0 for a run or a path that ended in any physical way; 2 for a scenario, an option or an
+output directory that makes no sense, with nothing written; 3 for a solver failure, with the part of a
 history that was reached written and labelled partial; 130 after Ctrl-C, with nothing written.
 
 Everything heavy is imported inside the commands: `--help` and a mistyped file name answer at once.
@@ -9,33 +9,32 @@ Everything heavy is imported inside the commands: `--help` and a mistyped file n
 
 from __future__ import annotations
 
+import math
 import sys
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from functools import partial
 from io import TextIOWrapper
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated, BinaryIO, NoReturn
 
 import typer
 
-if TYPE_CHECKING:
-    from rich.table import Table
+from simulator.terminal import progress_bar, summarise_run, summarise_trace
 
-    from simulator.history import Event, FloatArray, History
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from simulator.curve import Curve
+    from simulator.history import History
+    from simulator.scenario import Scenario
 
 app = typer.Typer(
     name="balloons",
-    help="Voltage histories of interconnected dielectric-elastomer balloons.",
+    help="Voltage histories and equilibrium paths of interconnected dielectric-elastomer balloons.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-
-EVENTS_SHOWN = 20
-
-_PATIENCE = 1.0  # seconds a run may take before it shows a progress bar
-_REFRESH = 0.1  # seconds between two updates of the bar
 
 ScenarioArgument = Annotated[
     Path, typer.Argument(metavar="SCENARIO", help="Scenario file (TOML).", show_default=False)
@@ -56,7 +55,7 @@ def balloons(
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
-    """Voltage histories of interconnected dielectric-elastomer balloons."""
+    """Voltage histories and equilibrium paths of interconnected dielectric-elastomer balloons."""
     # A terminal that lacks a letter shows another one instead of stopping the run.
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
@@ -74,7 +73,8 @@ def run(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> None:
     """Play a scenario; write history.csv, events.csv and run.json, and say what happened."""
-    from simulator.export import RUN_FILES, OutputError, check_writable
+    from simulator.export import RUN_FILES
+    from simulator.files import OutputError, check_writable
     from simulator.scenario import ScenarioError, load_scenario
 
     directory = Path("results") / scenario.stem if out is None else out
@@ -86,7 +86,7 @@ def run(
         from simulator.simulation import SolverError, simulate
 
         try:
-            with _progress_bar(quiet=quiet) as progress:
+            with progress_bar(quiet=quiet) as progress:
                 history = simulate(loaded, progress=progress)
         except SolverError as error:
             _keep_partial(error, error.history, directory, plot=plot)
@@ -96,7 +96,97 @@ def run(
     except KeyboardInterrupt:
         _fail("interrupted, nothing written", 130)
     if not quiet:
-        _summarise(history, paths)
+        summarise_run(history, paths)
+
+
+@app.command()
+def trace(
+    scenario: ScenarioArgument,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Where the results go.", show_default="results/<SCENARIO's stem>-trace"
+        ),
+    ] = None,
+    plot: Annotated[bool, typer.Option("--plot", help="Also draw curve.png.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+    every: Annotated[
+        bool, typer.Option("--all", help="Also the paths detached from it at the same amount of gas.")
+    ] = False,
+    inflation: Annotated[
+        bool, typer.Option("--inflation", help="Trace one balloon's inflation instead, in pressure.")
+    ] = False,
+    balloon: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="The balloon that --inflation inflates.", show_default="the last"),
+    ] = None,
+    to_voltage: Annotated[
+        float | None, typer.Option(metavar="V", help="Stop at this voltage.", show_default=False)
+    ] = None,
+    to_pressure: Annotated[
+        float | None,
+        typer.Option(metavar="P", help="Stop at this pressure (with --inflation).", show_default=False),
+    ] = None,
+    to_stretch: Annotated[
+        float | None,
+        typer.Option(
+            metavar="X", help="Stop at this stretch of the first electroded (or the inflated) balloon."
+        ),
+    ] = None,
+) -> None:
+    """Trace the equilibrium path in voltage, unstable parts too; write curve.csv and points.csv."""
+    from simulator.export import TRACE_FILES, write_curves
+    from simulator.files import OutputError, check_writable, write_files
+    from simulator.scenario import ScenarioError, load_scenario
+
+    _check_wishes(every, inflation, balloon, to_voltage, to_pressure, to_stretch)
+    directory = Path("results") / f"{scenario.stem}-trace" if out is None else out
+    names = (*TRACE_FILES, "curve.png") if plot else TRACE_FILES
+    try:
+        loaded = load_scenario(scenario)
+        check_writable(directory, names)
+        curves = _traced(
+            loaded, every, inflation, balloon, to_pressure if inflation else to_voltage, to_stretch
+        )
+        pictures = _pictures(curves) if plot else {}
+        paths = write_curves(curves, directory)
+        if pictures:
+            paths += write_files(directory, pictures)
+    except (ScenarioError, OutputError) as error:
+        _fail(str(error), 2)
+    except KeyboardInterrupt:
+        _fail("interrupted, nothing written", 130)
+    if not quiet:
+        asked = any(wish is not None for wish in (to_voltage, to_pressure, to_stretch))
+        summarise_trace(curves, paths, asked=asked)
+
+
+@app.command()
+def figures(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the figures go.")] = Path("docs/figures"),
+    scenarios: Annotated[Path, typer.Option(metavar="DIR", help="Where the paper's scenarios are.")] = Path(
+        "scenarios"
+    ),
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+) -> None:
+    """Draw the figures of Sun, Wang & Zhou (2015) and three histories behind them, as SVG and PNG."""
+    from simulator.figures import draw_figures
+
+    _write_documents(out, lambda: draw_figures(scenarios), quiet=quiet)
+
+
+@app.command()
+def paper(
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Where the page goes.")] = Path("docs/paper.md"),
+    scenarios: Annotated[Path, typer.Option(metavar="DIR", help="Where the paper's scenarios are.")] = Path(
+        "scenarios"
+    ),
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+) -> None:
+    """Write the page that holds every number of Sun, Wang & Zhou (2015) against what comes out here."""
+    from simulator.paper import paper_page
+
+    _write_documents(out.parent, lambda: {out.name: paper_page(scenarios).encode()}, quiet=quiet)
 
 
 @app.command()
@@ -111,13 +201,94 @@ def explain(scenario: ScenarioArgument) -> None:
         _fail(str(error), 2)
 
 
+def _check_wishes(
+    every: bool,
+    inflation: bool,
+    balloon: str | None,
+    to_voltage: float | None,
+    to_pressure: float | None,
+    to_stretch: float | None,
+) -> None:
+    """Leave with exit code 2 where the options of `trace` contradict each other."""
+    limits = {"--to-voltage": to_voltage, "--to-pressure": to_pressure, "--to-stretch": to_stretch}
+    asked = [name for name, value in limits.items() if value is not None]
+    if every and (asked or inflation):
+        _fail(f"--all traces whole paths in voltage; it does not go with {(asked or ['--inflation'])[0]}", 2)
+    if inflation and to_voltage is not None:
+        _fail("--to-voltage does not go with --inflation; use --to-pressure", 2)
+    if not inflation and to_pressure is not None:
+        _fail("--to-pressure goes with --inflation; use --to-voltage", 2)
+    if not inflation and balloon is not None:
+        _fail("--balloon goes with --inflation", 2)
+    for name in asked:
+        value = limits[name]
+        least = 1.0 if name == "--to-stretch" else 0.0
+        if value is None or not (math.isfinite(value) and value >= least):
+            _fail(f"{name} {value}: must be a number >= {least:g}", 2)
+
+
+def _traced(
+    scenario: Scenario,
+    every: bool,
+    inflation: bool,
+    balloon: str | None,
+    to_drive: float | None,
+    to_stretch: float | None,
+) -> tuple[Curve, ...]:
+    """The paths asked for; leaves with exit code 3 where one cannot be followed."""
+    from simulator import trace as room
+    from simulator.simulation import SolverError
+
+    until = room.Until(v=to_drive, stretch=to_stretch)
+    try:
+        if inflation:
+            return (room.trace_inflation(scenario, balloon, until),)
+        return room.trace_all(scenario) if every else (room.trace(scenario, until),)
+    except (SolverError, ArithmeticError) as error:
+        _fail(f"the solver failed: {error}\nnothing written", 3)
+
+
+def _pictures(curves: Sequence[Curve]) -> dict[str, Callable[[BinaryIO], object]]:
+    from simulator.plot import draw_curves_png
+
+    # Drawn before anything is written: see `_write`.
+    picture = draw_curves_png(curves)
+    return {"curve.png": lambda stream: stream.write(picture)}
+
+
+def _write_documents(directory: Path, produce: Callable[[], dict[str, bytes]], *, quiet: bool) -> None:
+    """Write what a function produces from the paper's scenarios, all files or none."""
+    from simulator.files import OutputError, write_files
+    from simulator.scenario import ScenarioError
+    from simulator.simulation import SolverError
+
+    try:
+        documents = produce()
+        paths = write_files(
+            directory, {name: partial(_write_bytes, content) for name, content in documents.items()}
+        )
+    except (ScenarioError, OutputError) as error:
+        _fail(str(error), 2)
+    except (SolverError, ArithmeticError) as error:
+        _fail(f"the solver failed: {error}\nnothing written", 3)
+    except KeyboardInterrupt:
+        _fail("interrupted, nothing written", 130)
+    if not quiet:
+        print(f"files    {directory}: {', '.join(path.name for path in paths)}")
+
+
+def _write_bytes(content: bytes, stream: BinaryIO) -> None:
+    stream.write(content)
+
+
 def _fail(message: str, code: int) -> NoReturn:
     print(f"balloons: {message}", file=sys.stderr)
     raise typer.Exit(code)
 
 
 def _write(history: History, directory: Path, *, plot: bool, failure: str | None = None) -> list[Path]:
-    from simulator.export import write_files, write_run
+    from simulator.export import write_run
+    from simulator.files import write_files
 
     if not plot:
         return write_run(history, directory, failure=failure)
@@ -136,7 +307,7 @@ def _write(history: History, directory: Path, *, plot: bool, failure: str | None
 
 def _keep_partial(error: RuntimeError, history: History | None, directory: Path, *, plot: bool) -> NoReturn:
     """Save what a failed solver had reached, and leave with exit code 3."""
-    from simulator.export import OutputError
+    from simulator.files import OutputError
 
     message = f"the solver failed: {error}"
     if history is None or not len(history):
@@ -147,119 +318,3 @@ def _keep_partial(error: RuntimeError, history: History | None, directory: Path,
     except OutputError as unwritten:
         _fail(f"{message}\nit had reached {reached}, but {unwritten}", 3)
     _fail(f"{message}\nthe partial history, up to {reached}, is in {directory}", 3)
-
-
-@contextmanager
-def _progress_bar(*, quiet: bool) -> Iterator[Callable[[float], None] | None]:
-    """A function to report progress to; a bar appears once it has been at work for a second."""
-    if quiet or not sys.stderr.isatty():
-        yield None
-        return
-
-    started = time.monotonic()
-    due = started + _PATIENCE
-    bar = None
-
-    def report(fraction: float) -> None:
-        nonlocal due, bar
-        now = time.monotonic()
-        if now < due:
-            return
-        due = now + _REFRESH
-        if bar is None:
-            from rich.console import Console
-            from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeRemainingColumn
-
-            # No refresh thread: it would compete with the solver for the interpreter.
-            bar = Progress(
-                BarColumn(),
-                TaskProgressColumn(),
-                TimeRemainingColumn(),
-                console=Console(stderr=True),
-                transient=True,
-                auto_refresh=False,
-            )
-            bar.add_task("playing", total=1.0)
-            bar.start()
-        bar.update(bar.task_ids[0], completed=fraction, refresh=True)
-
-    try:
-        yield report
-    finally:
-        if bar is not None:
-            bar.stop()
-
-
-def _summarise(history: History, paths: list[Path]) -> None:
-    # Titles come from files: no control characters reach the terminal, and no markup is read in them.
-    print("".join(letter if letter.isprintable() else " " for letter in history.scenario.title))
-    end = f" at time {history.time[-1]:.10g}" if len(history) else ""
-    print(f"\noutcome  {history.outcome.value}{end}")
-    if history.events:
-        print(f"events   {len(history.events)}")
-        _print_table(_event_table(history))
-        hidden = len(history.events) - EVENTS_SHOWN
-        if hidden > 0:
-            print(f"         … and {hidden} more, in events.csv")
-    else:
-        print("events   none")
-    balance, statistics = history.energy_balance, history.statistics
-    print(f"energy   closes to {balance.relative_imbalance:.1e} of the work exchanged")
-    print(f"cost     {statistics.seconds:.3f} s, {statistics.ida_steps} IDA steps, {len(history)} samples")
-    print(f"files    {paths[0].parent}: {', '.join(path.name for path in paths)}")
-
-
-def _event_table(history: History) -> Table:
-    """The first events, each on two lines: the state before, and under it the state after."""
-    from rich import box
-    from rich.table import Table
-
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("time", justify="right", no_wrap=True)
-    table.add_column("step", justify="right", no_wrap=True)
-    table.add_column("event", no_wrap=True)
-    headings = [
-        *(f"voltage\n{name}" for name in history.electroded),
-        *(f"stretch\n{name}" for name in history.balloons),
-        "pressure",
-        "dissipated",
-    ]
-    for heading in headings:
-        table.add_column(heading, justify="right", no_wrap=True)
-    for event in history.events[:EVENTS_SHOWN]:
-        table.add_row(
-            f"{event.time:.7g}",
-            f"{event.step}",
-            event.kind.value if event.stretch_after is None else f"{event.kind.value}\n  to",
-            *(_short(value) for value in event.voltage),
-            *_both_sides(event.stretch_before, event.stretch_after),
-            *_both_sides(event.pressure_before, event.pressure_after),
-            _dissipated(event),
-        )
-    return table
-
-
-def _both_sides(before: FloatArray | float, after: FloatArray | float | None) -> list[str]:
-    sides = [before] if after is None else [before, after]
-    columns = zip(*([side] if isinstance(side, float) else side for side in sides), strict=True)
-    return ["\n".join(_short(value) for value in column) for column in columns]
-
-
-def _dissipated(event: Event) -> str:
-    return "" if event.dissipated is None else f"\n{_short(event.dissipated)}"
-
-
-def _short(value: float) -> str:
-    # Rounding errors about zero are noise to a reader; the files keep every digit.
-    return f"{value:.6g}" if abs(value) > 1e-11 else "0"
-
-
-def _print_table(table: Table) -> None:
-    from rich.console import Console
-    from rich.padding import Padding
-
-    console = Console()
-    shown = Padding(table, (0, 0, 1, 2), expand=False)
-    # A window too narrow, or a pipe, must not turn digits into an ellipsis: lines may rather run over.
-    needed = console.measure(shown, options=console.options.update(max_width=100_000)).maximum
-    Console(width=max(console.width, needed)).print(shown)

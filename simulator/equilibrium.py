@@ -18,6 +18,7 @@ FloatArray = NDArray[np.float64]
 
 _EPS = float(np.finfo(float).eps)
 _ITERATIONS = 14
+_CROSSING = 1e-11  # a singular value this small, of rows of unit length, is zero: two curves cross
 
 
 class NotConverged(ArithmeticError):
@@ -147,13 +148,14 @@ def tangents(equations: Equations, states: FloatArray, towards: FloatArray) -> F
 def tangent_at_end(equations: Equations, state: FloatArray, towards: FloatArray) -> FloatArray:
     """Unit tangent at one state on the side of `towards`, also at a branch point, where two curves cross."""
     scales = equations.scales
-    matrix = (
-        np.array([*equations.linearised(state.tolist())[1], towards / scales**2], dtype=np.float64) * scales
-    )
-    right = np.zeros(state.size)
-    right[-1] = 1.0
-    found = scales * np.linalg.lstsq(matrix, right, rcond=1e-9)[0]
-    return unit(equations, found[:, None])[:, 0]
+    rows = np.array(equations.linearised(state.tolist())[1], dtype=np.float64) * scales
+    # One tangent spans the null space of the rows; where two curves cross there are two, and what `towards`
+    # has in their plane is the curve that was followed.
+    rows /= np.sqrt(np.einsum("ij,ij->i", rows, rows))[:, None]
+    _, sizes, vectors = np.linalg.svd(rows)
+    null = vectors[np.count_nonzero(sizes > _CROSSING) :]
+    along = null.T @ (null @ (towards / scales))
+    return np.asarray(scales * along / np.linalg.norm(along))
 
 
 def unit(equations: Equations, directions: FloatArray) -> FloatArray:
@@ -198,10 +200,9 @@ def at_event(equations: Equations, condition: Condition, guess: FloatArray) -> F
 
 def is_fold(equations: Equations, state: FloatArray) -> bool:
     """Whether the drive pushes a singular point along its soft mode: a limit point (else a branch point)."""
-    matrix = np.array(equations.linearised(state.tolist())[1], dtype=np.float64)
-    left = np.linalg.svd(matrix[:, :-1])[0][:, -1]
-    push = abs(float(left @ matrix[:, -1])) * equations.scales[-1]
-    return bool(push > 1e-7 * float(np.abs(matrix[:, -1]).max() * equations.scales[-1] + 1e-300))
+    rows = np.array(equations.linearised(state.tolist())[1], dtype=np.float64) * equations.scales
+    rows /= np.sqrt(np.einsum("ij,ij->i", rows, rows))[:, None]
+    return bool(np.linalg.svd(rows)[1][-1] > _CROSSING)
 
 
 def escape_direction(equations: Equations, state: FloatArray, direction: float) -> FloatArray:

@@ -1,21 +1,18 @@
-"""A history on disk and as tables: `history.csv`, `events.csv`, `run.json`, pandas.
+"""Histories and equilibrium paths on disk and as tables: CSV, `run.json`, pandas.
 
-Columns are assembled once (`history_columns`, `event_columns`) and go two ways: into a pandas
-table, or as text into a file. The text does not pass through pandas: formatting rows here takes
-less time than `DataFrame.to_csv` and spares a command-line run the import.
-
-Nothing is ever written under its final name: see `write_files`.
+Columns are assembled once (`history_columns`, `event_columns`, `curve_columns`, `point_columns`) and go
+two ways: into a pandas table, or as text into a file. The text does not pass through pandas: formatting
+rows here takes less time than `DataFrame.to_csv` and spares a command-line run the import.
 """
 
 from __future__ import annotations
 
-import errno
 import json
 import math
 import os
 import platform
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from importlib.metadata import version
@@ -25,22 +22,21 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.files import write_files
 from simulator.history import Outcome
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from simulator.curve import Curve, SpecialPoint
     from simulator.history import Event, FloatArray, History
 
 Columns = dict[str, NDArray[Any]]
 
 RUN_FILES = ("history.csv", "events.csv", "run.json")
+TRACE_FILES = ("curve.csv", "points.csv")
 
 _ROWS_AT_ONCE = 8192
-
-
-class OutputError(OSError):
-    """A result cannot be written where it should go; the message names the place and the reason."""
 
 
 def history_columns(history: History) -> Columns:
@@ -112,6 +108,69 @@ def event_columns(history: History) -> Columns:
     }
 
 
+def curve_columns(curves: Sequence[Curve]) -> Columns:
+    """The points of equilibrium paths by column, in the order of `curve.csv`.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+        Of the same balloons.
+
+    Returns
+    -------
+    dict of str to (n_points,) array
+        `arclength`, `voltage_<name>` of each electroded balloon, `stretch_<name>` of each balloon,
+        `pressure`, `field_<name>`, `charge_<name>`, `energy`, `stability`, `stable`; before them, where there are
+        several curves, the number of the `curve`, from 1. Dimensionless, see `Curve`.
+    """
+    return _joined(
+        [
+            {
+                "arclength": curve.arclength,
+                **_by_name("voltage", curve.electroded, curve.voltage),
+                **_by_name("stretch", curve.balloons, curve.stretch),
+                "pressure": curve.pressure,
+                **_by_name("field", curve.electroded, curve.field),
+                **_by_name("charge", curve.electroded, curve.charge),
+                "energy": curve.energy,
+                "stability": curve.stability,
+                "stable": curve.unstable == 0,
+            }
+            for curve in curves
+        ]
+    )
+
+
+def point_columns(curves: Sequence[Curve]) -> Columns:
+    """The special points of equilibrium paths by column, in the order of `points.csv`.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+        Of the same balloons.
+
+    Returns
+    -------
+    dict of str to (n_points,) array
+        `kind`, `arclength`, `voltage_<name>`, `stretch_<name>`, `pressure`; before them, where there are
+        several curves, the number of the `curve`, from 1.
+    """
+    return _joined(
+        [
+            {
+                "kind": np.array([point.kind for point in curve.points], dtype=object),
+                "arclength": _stacked(curve.points, "arclength", 1)[:, 0],
+                **_by_name(
+                    "voltage", curve.electroded, _stacked(curve.points, "voltage", len(curve.electroded))
+                ),
+                **_by_name("stretch", curve.balloons, _stacked(curve.points, "stretch", len(curve.balloons))),
+                "pressure": _stacked(curve.points, "pressure", 1)[:, 0],
+            }
+            for curve in curves
+        ]
+    )
+
+
 def history_table(history: History) -> pd.DataFrame:
     """The samples of a history as a pandas table, one row each; columns as in `history_columns`."""
     import pandas as pd
@@ -124,6 +183,20 @@ def events_table(history: History) -> pd.DataFrame:
     import pandas as pd
 
     return pd.DataFrame(event_columns(history))
+
+
+def curve_table(curve: Curve) -> pd.DataFrame:
+    """The points of an equilibrium path as a pandas table, one row each; columns as in `curve_columns`."""
+    import pandas as pd
+
+    return pd.DataFrame(curve_columns([curve]))
+
+
+def points_table(curve: Curve) -> pd.DataFrame:
+    """The special points of an equilibrium path as a pandas table; columns as in `point_columns`."""
+    import pandas as pd
+
+    return pd.DataFrame(point_columns([curve]))
 
 
 def run_record(history: History, failure: str | None = None) -> dict[str, Any]:
@@ -209,22 +282,17 @@ def write_run(
     return write_files(directory, writers)
 
 
-def write_files(
-    directory: str | os.PathLike[str], writers: Mapping[str, Callable[[BinaryIO], object]]
-) -> list[Path]:
-    """Write several files into a directory so that each is either complete or not there.
+def write_curves(curves: Sequence[Curve], directory: str | os.PathLike[str]) -> list[Path]:
+    """Write `curve.csv` and `points.csv` of equilibrium paths into a directory, both or none.
 
-    Every file is written and synced to disk under a temporary name in the same directory. Only when
-    all are complete do they take their final names, in the order given. Whatever goes wrong before
-    that (disk full, Ctrl-C), the temporary files and any directory made for them are removed, and
-    older files are untouched; a killed process leaves at worst a hidden ``.*.tmp`` file.
+    Numbers as in `write_run`; `stable` is true or false.
 
     Parameters
     ----------
+    curves : sequence of Curve
+        Of the same balloons. Several share the two files, told apart by a leading column `curve`.
     directory : path
-        Created if need be.
-    writers : dict of file name to function
-        Each is called with a binary stream to write its file to.
+        Created if need be. Files of the same names are replaced.
 
     Returns
     -------
@@ -233,69 +301,32 @@ def write_files(
     Raises
     ------
     OutputError
+        If the directory cannot be made or written to. What was there before is then still there.
     """
-    directory = Path(directory)
-    temporary: dict[Path, Path] = {}
-    made: list[Path] = []
-    try:
-        _make_directory(directory, made)
-        _refuse_directories(directory, tuple(writers))
-        for name, write in writers.items():
-            target = directory / name
-            temporary[target] = _temporary_name(target)
-            with open(temporary[target], "xb") as stream:
-                write(stream)
-                stream.flush()
-                os.fsync(stream.fileno())
-        for target, source in temporary.items():
-            os.replace(source, target)
-    except BaseException as error:
-        _discard(temporary.values(), made)
-        if isinstance(error, OSError):
-            raise _output_error(directory, error) from error
-        raise
-    return list(temporary)
+    tables = dict(zip(TRACE_FILES, (curve_columns(curves), point_columns(curves)), strict=True))
+    return write_files(directory, {name: partial(_write_csv, columns) for name, columns in tables.items()})
 
 
-def check_writable(directory: str | os.PathLike[str], names: tuple[str, ...] = RUN_FILES) -> None:
-    """Find out before a long run whether its files could be written; leave no trace of having tried.
-
-    Parameters
-    ----------
-    directory : path
-        Need not exist yet.
-    names : tuple of str
-        The files to be written there later.
-
-    Raises
-    ------
-    OutputError
-        If the directory cannot be created or written to, or a directory stands where a file is to go.
-    """
-    directory = Path(directory)
-    made: list[Path] = []
-    probe = _temporary_name(directory / "probe")
-    try:
-        # Trying is the only honest test: permission bits say nothing of read-only or full disks.
-        _make_directory(directory, made)
-        _refuse_directories(directory, names)
-        with open(probe, "xb"):
-            pass
-    except OSError as error:
-        raise _output_error(directory, error) from error
-    finally:
-        _discard([probe], made)
+def _joined(parts: Sequence[Columns]) -> Columns:
+    """Tables of equal columns under one another, numbered from 1 where there are several."""
+    if len(parts) == 1:
+        return parts[0]
+    sizes = [next(iter(part.values())).size for part in parts]
+    return {
+        "curve": np.repeat(np.arange(1, len(parts) + 1), sizes),
+        **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]},
+    }
 
 
 def _by_name(quantity: str, names: tuple[str, ...], values: FloatArray) -> Columns:
     return {f"{quantity}_{name}": values[:, i] for i, name in enumerate(names)}
 
 
-def _stacked(events: tuple[Event, ...], attribute: str, width: int) -> FloatArray:
-    """One row per event, NaN where the event has no such side."""
-    rows = np.full((len(events), width), math.nan)
-    for row, event in zip(rows, events, strict=True):
-        value = getattr(event, attribute)
+def _stacked(records: tuple[Event, ...] | tuple[SpecialPoint, ...], attribute: str, width: int) -> FloatArray:
+    """One row per event or point, NaN where an event has no such side."""
+    rows = np.full((len(records), width), math.nan)
+    for row, record in zip(rows, records, strict=True):
+        value = getattr(record, attribute)
         if value is not None:
             row[:] = value
     return rows
@@ -312,6 +343,9 @@ def _rows_of_text(columns: list[NDArray[Any]]) -> Iterator[str]:
     # One %-template for a whole row is the fastest formatting there is in pure Python: %r of a
     # float is its shortest exact form.
     formats = {"f": "%r", "i": "%d"}
+    columns = [
+        np.where(column, "true", "false") if column.dtype.kind == "b" else column for column in columns
+    ]
     gaps = [column.dtype.kind == "f" and bool(np.isnan(column).any()) for column in columns]
     cells = [
         "%s" if gap else formats.get(column.dtype.kind, "%s")
@@ -346,46 +380,3 @@ def _own_version() -> str:
     from simulator import __version__
 
     return __version__
-
-
-def _temporary_name(target: Path) -> Path:
-    # Not `tempfile`: its files are readable by their owner alone, and keep that when renamed.
-    return target.with_name(f".{target.name}.{os.urandom(6).hex()}.tmp")
-
-
-def _make_directory(directory: Path, made: list[Path]) -> None:
-    """Create a directory and its parents, noting in `made` those that were not there, outermost first."""
-    missing = []
-    while not directory.exists():
-        missing.append(directory)
-        directory = directory.parent
-    for path in reversed(missing):
-        path.mkdir(exist_ok=True)
-        made.append(path)
-    if not directory.is_dir():
-        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(directory))
-
-
-def _refuse_directories(directory: Path, names: tuple[str, ...]) -> None:
-    for name in names:
-        if (directory / name).is_dir():
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(directory / name))
-
-
-def _discard(files: Iterable[Path], made: list[Path]) -> None:
-    for file in files:
-        try:
-            file.unlink(missing_ok=True)
-        except OSError:  # the directory itself may be what is wrong; the first error is the one to report
-            pass
-    for path in reversed(made):
-        try:
-            path.rmdir()
-        except OSError:  # something else has been put there meanwhile
-            break
-
-
-def _output_error(directory: Path, error: OSError) -> OutputError:
-    reason = error.strerror or str(error) or type(error).__name__
-    place = f" ({error.filename})" if error.filename and Path(error.filename) != directory else ""
-    return OutputError(f"cannot write to {str(directory)!r}: {reason}{place}")

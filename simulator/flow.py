@@ -170,7 +170,7 @@ def _flow(
             softest = stable(y)
             if softest <= 0.0:
                 return 1.0
-            return min(max(map(abs, equations.residual(y))) / softest - near, 1.0)
+            return float(min(max(map(abs, equations.residual(y))) / softest - near, 1.0))
 
         margins = [condition.margin for condition in conditions]
         margins.append(resting)

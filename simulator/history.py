@@ -160,6 +160,17 @@ class History:
     def __len__(self) -> int:
         return int(self.time.size)
 
+    @property
+    def snaps(self) -> tuple[Event, ...]:
+        """Limit and branch points from which the balloons came to rest elsewhere, tension kept."""
+        kinds = (EventKind.LIMIT_POINT, EventKind.BRANCH_POINT)
+        lost = {event.time for event in self.events if event.kind is EventKind.LOSS_OF_TENSION}
+        return tuple(
+            event
+            for event in self.events
+            if event.kind in kinds and event.stretch_after is not None and event.time not in lost
+        )
+
     def to_dataframe(self) -> pd.DataFrame:
         """The samples as a table, one row each, with the columns of `history.csv`."""
         from simulator.export import history_table

@@ -32,7 +32,7 @@ from simulator.elastomer import Elastomer, Number
 FloatArray = NDArray[np.float64]
 Rows = list[list[Number]]
 # Unknowns y in order: floats, complex numbers, or rows of arrays.
-State = Sequence[Number] | FloatArray
+State = Sequence[Number] | NDArray[Any]
 
 
 @dataclass(frozen=True)

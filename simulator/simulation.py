@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from simulator import assembly
 from simulator.assembly import AnyEquations, Group
+from simulator.branch import Branch
 from simulator.device import Device
 from simulator.drive import VoltageLine, Waveform
 from simulator.equilibrium import NotConverged
@@ -24,7 +25,7 @@ from simulator.events import softest_mode
 from simulator.flow import FlowError
 from simulator.history import EnergyBalance, Event, EventKind, History, Outcome, SolverStatistics
 from simulator.model import OpenBalloon
-from simulator.path import Branch, PathError
+from simulator.path import PathError
 from simulator.scenario import Hold, Inflate, duration
 from simulator.walk import Atlas, Happening, Turn, Walk, by_time, loses_tension
 

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from simulator import flow
 from simulator.assembly import AnyEquations, Group
+from simulator.branch import Branch, BranchEnd
 from simulator.drive import Waveform
 from simulator.equilibrium import escape_direction, is_fold
 from simulator.model import ElectrodedMembrane, SealedBalloons
-from simulator.path import Branch, BranchEnd, Effort, PathError
+from simulator.path import Effort, PathError
 
 FloatArray = NDArray[np.float64]
 

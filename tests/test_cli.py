@@ -16,7 +16,7 @@ import pytest
 from histories import cycled_pair, slack_pair
 from typer.testing import CliRunner
 
-from simulator import cli
+from simulator import cli, terminal
 from simulator.history import Outcome
 
 ROOT = Path(__file__).parent.parent
@@ -148,8 +148,8 @@ def test_quiet_prints_nothing(scenario, simulate):
 def test_only_the_first_events_are_listed(scenario, simulate):
     simulate(cycled_pair(cycles=20))
     output = balloons("run", scenario).stdout
-    assert output.count("limit_point") == cli.EVENTS_SHOWN
-    assert f"… and {40 - cli.EVENTS_SHOWN} more" in output
+    assert output.count("limit_point") == terminal.EVENTS_SHOWN
+    assert f"… and {40 - terminal.EVENTS_SHOWN} more" in output
 
 
 @pytest.mark.parametrize("columns", ["30", "80", "400"])
@@ -278,24 +278,24 @@ class Terminal(io.StringIO):
         return True
 
 
-def terminal(monkeypatch) -> Terminal:
+def on_a_terminal(monkeypatch) -> Terminal:
     monkeypatch.setenv("TERM", "xterm-256color")
     monkeypatch.setattr(sys, "stderr", Terminal())
     return sys.stderr
 
 
 def test_a_short_run_shows_no_bar(monkeypatch):
-    screen = terminal(monkeypatch)
-    with cli._progress_bar(quiet=False) as report:
+    screen = on_a_terminal(monkeypatch)
+    with terminal.progress_bar(quiet=False) as report:
         for i in range(1000):
             report(i / 1000)
     assert screen.getvalue() == ""
 
 
 def test_a_long_run_shows_a_bar_and_takes_it_away(monkeypatch):
-    screen = terminal(monkeypatch)
-    monkeypatch.setattr(cli, "_PATIENCE", 0.0)
-    with cli._progress_bar(quiet=False) as report:
+    screen = on_a_terminal(monkeypatch)
+    monkeypatch.setattr(terminal, "_PATIENCE", 0.0)
+    with terminal.progress_bar(quiet=False) as report:
         report(0.5)
         shown = screen.getvalue()
         started = time.monotonic()
@@ -308,11 +308,11 @@ def test_a_long_run_shows_a_bar_and_takes_it_away(monkeypatch):
 
 
 def test_no_bar_when_quiet_or_piped(monkeypatch):
-    terminal(monkeypatch)
-    with cli._progress_bar(quiet=True) as report:
+    on_a_terminal(monkeypatch)
+    with terminal.progress_bar(quiet=True) as report:
         assert report is None
     monkeypatch.setattr(sys, "stderr", io.StringIO())
-    with cli._progress_bar(quiet=False) as report:
+    with terminal.progress_bar(quiet=False) as report:
         assert report is None
 
 

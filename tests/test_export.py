@@ -23,15 +23,14 @@ from hypothesis import strategies as st
 
 from simulator import export
 from simulator.export import (
-    OutputError,
-    check_writable,
+    RUN_FILES,
     event_columns,
     events_table,
     history_columns,
     history_table,
-    write_files,
     write_run,
 )
+from simulator.files import OutputError, check_writable, write_files
 from simulator.history import Outcome
 
 TESTS = Path(__file__).parent
@@ -285,7 +284,8 @@ def in_another_process(program: str, directory: Path) -> subprocess.CompletedPro
         import os, signal, sys
         sys.path.insert(0, {str(TESTS)!r})
         from histories import cycled_pair
-        from simulator.export import OutputError, write_run
+        from simulator.export import write_run
+        from simulator.files import OutputError
         directory = {str(directory)!r}
     """
     text = textwrap.dedent(header) + textwrap.dedent(program)
@@ -343,13 +343,13 @@ def test_full_disk_leaves_the_earlier_results_alone(earlier):
 
 @pytest.mark.parametrize("place", [".", "new", "new/deeper/still"])
 def test_check_writable_leaves_nothing_behind(tmp_path, place):
-    check_writable(tmp_path / place)
+    check_writable(tmp_path / place, RUN_FILES)
     assert listing(tmp_path) == []
 
 
 def test_check_writable_leaves_results_alone(earlier):
     directory, contents = earlier
-    check_writable(directory)
+    check_writable(directory, RUN_FILES)
     assert_untouched(directory, contents)
 
 
@@ -357,11 +357,17 @@ def test_check_writable_leaves_results_alone(earlier):
 def test_check_writable_refuses_a_file_in_the_way(tmp_path, place):
     (tmp_path / "file").touch()
     with pytest.raises(OutputError, match="Not a directory"):
-        check_writable(tmp_path / place)
+        check_writable(tmp_path / place, RUN_FILES)
     assert listing(tmp_path) == ["file"]
 
 
-@pytest.mark.parametrize("call", [check_writable, lambda directory: write_run(slack_pair(), directory)])
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda directory: check_writable(directory, RUN_FILES),
+        lambda directory: write_run(slack_pair(), directory),
+    ],
+)
 def test_a_directory_in_the_place_of_a_file_is_refused(tmp_path, call):
     (tmp_path / "events.csv").mkdir()
     with pytest.raises(OutputError, match=r"Is a directory .*events\.csv"):
@@ -374,7 +380,7 @@ def test_check_writable_refuses_a_read_only_directory(tmp_path):
     tmp_path.chmod(0o500)
     try:
         with pytest.raises(OutputError, match="Permission denied"):
-            check_writable(tmp_path / "new")
+            check_writable(tmp_path / "new", RUN_FILES)
     finally:
         tmp_path.chmod(0o700)
 

@@ -7,7 +7,6 @@ are states the balloons went through; a jump is dashed, since nothing in between
 from __future__ import annotations
 
 from collections import Counter
-from io import BytesIO
 from itertools import pairwise
 from math import ceil, dist
 from textwrap import fill
@@ -20,6 +19,20 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from simulator.history import EventKind, Outcome
+from simulator.plot.style import (
+    BLACK,
+    COLOURS,
+    GREY,
+    PRESSURE,
+    STRETCH,
+    VOLTAGE,
+    WORDS,
+    arrowhead,
+    dress,
+    mark,
+    marker_style,
+    png,
+)
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -31,27 +44,6 @@ if TYPE_CHECKING:
     BoolArray = NDArray[np.bool_]
     IntArray = NDArray[np.int64]
     Point = tuple[float, float]
-
-# Okabe & Ito's palette, which colour-blind readers can tell apart; one colour per balloon.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-BLACK = "#000000"
-GREY = "#7F7F7F"
-
-VOLTAGE = "Φ√(ε/μ)/H"
-PRESSURE = "PR/(μH)"
-STRETCH = "λ = r/R"
-
-MARKERS = {
-    EventKind.LIMIT_POINT: "*",
-    EventKind.BRANCH_POINT: "P",
-    EventKind.JUMP: "o",
-    EventKind.LOSS_OF_TENSION: "X",
-    EventKind.BREAKDOWN: "D",
-    EventKind.RUNAWAY: "^",
-}
-MARKER_SIZES = {EventKind.LIMIT_POINT: 12.0, EventKind.JUMP: 5.5, EventKind.BREAKDOWN: 6.5}
-
-WORDS = {kind: kind.value.replace("_", " ") for kind in EventKind} | {EventKind.JUMP: "voltage jump"}
 
 END_STYLE: dict[str, Any] = {
     "marker": "o",
@@ -117,9 +109,7 @@ def plot_history(history: History) -> Figure:
 
 def draw_png(history: History, dots_per_inch: float = 150.0) -> bytes:
     """The picture of `plot_history` as the bytes of a PNG file."""
-    stream = BytesIO()
-    plot_history(history).savefig(stream, format="png", dpi=dots_per_inch)
-    return stream.getvalue()
+    return png(plot_history(history), dots_per_inch)
 
 
 def plot_voltage(history: History, ax: Axes) -> Axes:
@@ -178,7 +168,7 @@ def plot_stretches(history: History, ax: Axes) -> Axes:
         _draw_in_time(history, history.stretch[:, i], ax, _colour(history, name), _width(i))
     if len(history.events) <= MOST_MARKED_EVENTS:
         for event in history.events:
-            _mark(event.kind, event.time, event.stretch_before[_most_moved(history, event)], ax)
+            mark(event.kind, event.time, event.stretch_before[_most_moved(history, event)], ax)
     return _dress_time_axes(ax, f"stretch\n{STRETCH}")
 
 
@@ -210,19 +200,19 @@ def plot_loop(history: History, ax: Axes) -> Axes:
         new = _first_passages(x, y, branch, spans)
         ax.plot(*_polyline(x, y, new), color=colour, linewidth=1.8, solid_capstyle="round")
         for start, end in _travelled(x, y, new, spans):
-            _arrowhead(start, end, ax, colour)
+            arrowhead(start, end, ax, colour)
         for before, corner, after in _distinct_jumps(x, y, branch, spans):
             ax.plot(*zip(before, corner, after, strict=True), color=colour, linewidth=1.2, linestyle="--")
             if dist(corner / spans, after / spans) > SHORTEST_ARROW:
-                _arrowhead(corner, after, ax, colour)
+                arrowhead(corner, after, ax, colour)
         for kind, at in _distinct_marks(history, balloon, spans):
-            _mark(kind, at[0], at[1], ax)
+            mark(kind, at[0], at[1], ax)
         if _stops_between_events(history):
             ax.plot(x[-1:], y[-1:], **END_STYLE)
     ax.set_xlabel(f"voltage on {name}  {VOLTAGE}" if history.electroded else f"pressure  {PRESSURE}")
     ax.set_ylabel(f"stretch of {name}  {STRETCH}")
     ax.margins(0.06)
-    return _dress(ax)
+    return dress(ax)
 
 
 def _draw_in_time(history: History, values: FloatArray, ax: Axes, colour: str, width: float) -> None:
@@ -376,39 +366,6 @@ def _cell(at: Point, spans: FloatArray) -> tuple[int, int]:
     return round(at[0] / spans[0] * _GRID), round(at[1] / spans[1] * _GRID)
 
 
-def _mark(kind: EventKind, x: float, y: float, ax: Axes) -> None:
-    ax.plot([x], [y], zorder=5, **_marker_style(kind))
-
-
-def _marker_style(kind: EventKind) -> dict[str, Any]:
-    return {
-        "marker": MARKERS[kind],
-        "markersize": MARKER_SIZES.get(kind, 8.0),
-        "markerfacecolor": BLACK,
-        "markeredgecolor": "white",
-        "markeredgewidth": 0.7,
-        "linestyle": "none",
-    }
-
-
-def _arrowhead(start: Point, end: Point, ax: Axes, colour: str) -> None:
-    """A head without a shaft, at the end of a line from `start` to `end`."""
-    ax.annotate(
-        "",
-        xy=end,
-        xytext=start,
-        arrowprops={
-            "arrowstyle": "-|>,head_length=0.5,head_width=0.22",
-            "color": colour,
-            "linewidth": 0.0,
-            "shrinkA": 0.0,
-            "shrinkB": 0.0,
-            "mutation_scale": 14.0,
-        },
-        zorder=3,
-    )
-
-
 def _legend(history: History) -> list[Artist]:
     voltage, stretch = history.voltage, history.stretch
     handles: list[Artist] = [
@@ -425,7 +382,7 @@ def _legend(history: History) -> list[Artist]:
         handles.append(Line2D([], [], color=GREY, linewidth=1.2, linestyle="--", label=label))
     for kind, count in kinds.items():
         times = f"  ({count}×)" if count > 1 else ""
-        handles.append(Line2D([], [], label=WORDS[kind] + times, **_marker_style(kind)))
+        handles.append(Line2D([], [], label=WORDS[kind] + times, **marker_style(kind)))
     if len(history) and _stops_between_events(history):
         handles.append(Line2D([], [], label="end", **END_STYLE))
     return handles
@@ -478,11 +435,4 @@ def _dress_time_axes(ax: Axes, label: str) -> Axes:
     ax.set_xlabel("time  t")
     ax.set_ylabel(label)
     ax.margins(x=0.01, y=0.08)
-    return _dress(ax)
-
-
-def _dress(ax: Axes) -> Axes:
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.grid(color="#E5E5E5", linewidth=0.6)
-    ax.set_axisbelow(True)
-    return ax
+    return dress(ax)

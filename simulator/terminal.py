@@ -1,0 +1,195 @@
+"""What a reader sees in the terminal: summaries, tables and the progress bar."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from simulator.curve import Curve
+    from simulator.history import Event, FloatArray, History
+
+EVENTS_SHOWN = 20
+
+_PATIENCE = 1.0  # seconds a run may take before it shows a progress bar
+_REFRESH = 0.1  # seconds between two updates of the bar
+
+
+@contextmanager
+def progress_bar(*, quiet: bool) -> Iterator[Callable[[float], None] | None]:
+    """A function to report progress to; a bar appears once it has been at work for a second."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+
+    started = time.monotonic()
+    due = started + _PATIENCE
+    bar = None
+
+    def report(fraction: float) -> None:
+        nonlocal due, bar
+        now = time.monotonic()
+        if now < due:
+            return
+        due = now + _REFRESH
+        if bar is None:
+            from rich.console import Console
+            from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeRemainingColumn
+
+            # No refresh thread: it would compete with the solver for the interpreter.
+            bar = Progress(
+                BarColumn(),
+                TaskProgressColumn(),
+                TimeRemainingColumn(),
+                console=Console(stderr=True),
+                transient=True,
+                auto_refresh=False,
+            )
+            bar.add_task("playing", total=1.0)
+            bar.start()
+        bar.update(bar.task_ids[0], completed=fraction, refresh=True)
+
+    try:
+        yield report
+    finally:
+        if bar is not None:
+            bar.stop()
+
+
+def summarise_run(history: History, paths: list[Path]) -> None:
+    """Say how a history ended, what happened in it and what it cost."""
+    print(_printable(history.scenario.title))
+    end = f" at time {history.time[-1]:.10g}" if len(history) else ""
+    print(f"\noutcome  {history.outcome.value}{end}")
+    if history.events:
+        print(f"events   {len(history.events)}")
+        _print_table(_event_table(history))
+        hidden = len(history.events) - EVENTS_SHOWN
+        if hidden > 0:
+            print(f"         … and {hidden} more, in events.csv")
+    else:
+        print("events   none")
+    balance, statistics = history.energy_balance, history.statistics
+    print(f"energy   closes to {balance.relative_imbalance:.1e} of the work exchanged")
+    print(f"cost     {statistics.seconds:.3f} s, {statistics.ida_steps} IDA steps, {len(history)} samples")
+    print(f"files    {paths[0].parent}: {', '.join(path.name for path in paths)}")
+
+
+def summarise_trace(curves: Sequence[Curve], paths: list[Path], *, asked: bool) -> None:
+    """Say which special points equilibrium paths have and how they end.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+    paths : list of Path
+        Files written.
+    asked : bool
+        Whether the path was to stop at a voltage, pressure or stretch.
+    """
+    print(_printable(curves[0].title))
+    print(f"\npoints   {sum(len(curve.points) for curve in curves)}")
+    _print_table(_point_table(curves))
+    for i, curve in enumerate(curves, start=1):
+        which = f"curve {i}: " if len(curves) > 1 else ""
+        stable = f"{(curve.unstable == 0).mean():.0%}"
+        print(f"end      {which}{_ending(curve, asked=asked)}; {stable} of its points are stable")
+    print(f"cost     {sum(c.ida_steps for c in curves)} IDA steps, {sum(len(c) for c in curves)} points")
+    print(f"files    {paths[0].parent}: {', '.join(path.name for path in paths)}")
+
+
+def _ending(curve: Curve, *, asked: bool) -> str:
+    end = curve.end.kind.replace("_", " ")
+    if asked and curve.end.kind != "reached":
+        return f"not reached: the path ended by {end}"
+    return end
+
+
+def _point_table(curves: Sequence[Curve]) -> Table:
+    """The special points, one line each."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
+    if len(curves) > 1:
+        table.add_column("curve", justify="right", no_wrap=True)
+    table.add_column("point", no_wrap=True)
+    headings = [
+        *(f"voltage\n{name}" for name in curves[0].electroded),
+        *(f"stretch\n{name}" for name in curves[0].balloons),
+        "pressure",
+    ]
+    for heading in headings:
+        table.add_column(heading, justify="right", no_wrap=True)
+    for i, curve in enumerate(curves, start=1):
+        for point in curve.points:
+            values = (*point.voltage, *point.stretch, point.pressure)
+            number = [f"{i}"] if len(curves) > 1 else []
+            table.add_row(*number, point.kind, *(_short(value) for value in values))
+    return table
+
+
+def _event_table(history: History) -> Table:
+    """The first events, each on two lines: the state before, and under it the state after."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("time", justify="right", no_wrap=True)
+    table.add_column("step", justify="right", no_wrap=True)
+    table.add_column("event", no_wrap=True)
+    headings = [
+        *(f"voltage\n{name}" for name in history.electroded),
+        *(f"stretch\n{name}" for name in history.balloons),
+        "pressure",
+        "dissipated",
+    ]
+    for heading in headings:
+        table.add_column(heading, justify="right", no_wrap=True)
+    for event in history.events[:EVENTS_SHOWN]:
+        table.add_row(
+            f"{event.time:.7g}",
+            f"{event.step}",
+            event.kind.value if event.stretch_after is None else f"{event.kind.value}\n  to",
+            *(_short(value) for value in event.voltage),
+            *_both_sides(event.stretch_before, event.stretch_after),
+            *_both_sides(event.pressure_before, event.pressure_after),
+            _dissipated(event),
+        )
+    return table
+
+
+def _both_sides(before: FloatArray | float, after: FloatArray | float | None) -> list[str]:
+    sides = [before] if after is None else [before, after]
+    columns = zip(*([side] if isinstance(side, float) else side for side in sides), strict=True)
+    return ["\n".join(_short(value) for value in column) for column in columns]
+
+
+def _dissipated(event: Event) -> str:
+    return "" if event.dissipated is None else f"\n{_short(event.dissipated)}"
+
+
+def _printable(title: str) -> str:
+    """A title as one line: no control characters of a file reach the terminal."""
+    return "".join(letter if letter.isprintable() else " " for letter in title)
+
+
+def _short(value: float) -> str:
+    # Rounding errors about zero are noise to a reader; the files keep every digit.
+    return f"{value:.6g}" if abs(value) > 1e-11 else "0"
+
+
+def _print_table(table: Table) -> None:
+    from rich.console import Console
+    from rich.padding import Padding
+
+    console = Console()
+    shown = Padding(table, (0, 0, 1, 2), expand=False)
+    # A window too narrow, or a pipe, must not turn digits into an ellipsis: lines may rather run over.
+    needed = console.measure(shown, options=console.options.update(max_width=100_000)).maximum
+    Console(width=max(console.width, needed)).print(shown)

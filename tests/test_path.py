@@ -1,0 +1,92 @@
+"""Following a path: its checks make silent errors loud, and its result does not depend on its tolerance."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from simulator import equilibrium, path
+from simulator.branch import Branch
+from simulator.path import Effort
+from simulator.simulation import _Run
+from simulator.trace import sealed_state, trace
+from tests.pairs import pair, run
+
+
+def test_gauss_rules():
+    for power in range(5):
+        exact = path.GAUSS_POINTS ** (power + 1) / (power + 1)
+        assert path.GAUSS_INTEGRALS @ path.GAUSS_POINTS**power == pytest.approx(exact, abs=1e-13)
+        assert path.GAUSS_WEIGHTS @ path.GAUSS_POINTS**power == pytest.approx(1 / (power + 1), abs=1e-14)
+
+
+@pytest.mark.parametrize("rtol", [1e-1, 1e-2, 1e-3, 1e-6, 1e-9])
+def test_any_tolerance_gives_the_same_states(rtol):
+    """Loose or tight, IDA only says where to polish: event voltages and states agree to rounding."""
+    steps = [{"ramp": 0.4}, {"ramp": 0.0}]
+    reference = run(pair(1.2, *steps, ambient=0.015))
+    history = run(pair(1.2, *steps, ambient=0.015, solver={"rtol": rtol}))
+    assert [e.kind for e in history.events] == [e.kind for e in reference.events]
+    for one, other in zip(history.events, reference.events, strict=True):
+        assert one.voltage == pytest.approx(other.voltage, abs=1e-13)
+        assert one.stretch_before == pytest.approx(other.stretch_before, abs=1e-8)
+        assert one.stretch_after == pytest.approx(other.stretch_after, abs=1e-11)
+    rows = np.ones(len(history), dtype=bool)
+    for event in reference.events:
+        rows &= history.time != event.time
+    assert history.stretch[rows] == pytest.approx(reference.stretch[rows], abs=1e-10)
+    assert history.energy_balance.relative_imbalance < 1e-6
+
+
+def test_two_limit_points_close_together_are_not_stepped_over():
+    """5b A has two limit points 2e-4 apart in voltage on its unstable part."""
+    kinds = [point.kind for point in trace(pair(1.2, {"ramp": 0.1}, radius=0.5)).points]
+    assert kinds == ["limit_point", "limit_point", "limit_point", "loss_of_tension"]
+
+
+def test_a_branch_knows_what_it_has_seen():
+    history = run(pair(0.6, {"ramp": 0.3}, {"ramp": 0.1}, {"ramp": 0.25}, {"ramp": 0.0}))
+    assert history.statistics.branches == 2  # the inflation's, one for both balloons, and the sealed pair's
+    assert history.statistics.ida_solves == 2
+
+
+def test_work_of_parts_adds_up():
+    scenario = pair(1.2, {"ramp": 0.3}, ambient=0.015)
+    played = _Run(scenario)
+    for number, step in enumerate(scenario.played_steps(), start=1):
+        played.play(number, step)
+    (branch,) = next(known for eq, known in played.atlas.branches.items() if eq.has_pressure)
+    assert isinstance(branch, Branch)
+    whole = branch.work_between(0.0, 0.3)
+    for middle in (0.1234, 0.2999, float(branch.states[-1, 5])):
+        parts = branch.work_between(0.0, middle) + branch.work_between(middle, 0.3)
+        assert parts == pytest.approx(whole, rel=1e-9)
+    assert branch.work_between(0.3, 0.0) == -whole
+    # −∂Π/∂v integrates to the potential's change.
+    first, last = branch.state_at(0.0).tolist(), branch.state_at(0.3).tolist()
+    change = branch.equations.potential(first) - branch.equations.potential(last)
+    assert whole == pytest.approx(change, rel=1e-9)
+
+
+def test_a_segment_that_is_no_path_is_refused():
+    """Points thrown about are not polished into something plausible."""
+    scenario = pair(1.2, {"ramp": 0.3}, ambient=0.015)
+    played = _Run(scenario)
+    for number, step in enumerate(scenario.played_steps(), start=1):
+        played.play(number, step)
+    (branch,) = next(known for eq, known in played.atlas.branches.items() if eq.has_pressure)
+    points, directions = branch.states.copy(), branch.tangents.copy()
+    points[:, 5] = points[:, 12]  # back and forth
+    with pytest.raises(equilibrium.NotConverged):
+        path._polished(branch.equations, branch.conditions, points, directions, len(branch.conditions), 0.3)
+
+
+def test_an_unstable_stretch_is_not_taken_for_a_branch():
+    """Starting beyond the limit point, where S is not positive, every margin check fails."""
+    scenario = pair(1.2, {"ramp": 0.1}, ambient=0.015)
+    _, group, _ = sealed_state(scenario)
+    curve = trace(scenario)
+    place = int(np.flatnonzero(curve.unstable == 1)[40])
+    state = np.array([*curve.stretch[place], curve.pressure[place], curve.voltage[place, 0]])
+    with pytest.raises(path.PathError):
+        path.follow(group.equations, group.conditions, state, state[-1] - 0.01, 1e-4, Effort())
