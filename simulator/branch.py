@@ -22,6 +22,20 @@ _LEAVE = 1e-3  # stretch by which a branch is started off the branch point that 
 _MOST_SAMPLES = 16  # sets of samples that a branch remembers
 
 
+def beside(
+    equations: Equations, point: FloatArray, escape: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The state close to a branch point on the branch that leaves it along `escape`; how it moves; the way.
+
+    All (n_unknowns, 1). Raises NotConverged where no branch leaves that way.
+    """
+    out = np.zeros((point.size, 1))
+    out[: escape.size, 0] = escape
+    weights = 1.0 / equations.scales[:, None] ** 2
+    near, rates = equilibrium.on_planes(equations, point[:, None] + _LEAVE * out, weights * out)
+    return near, rates, out
+
+
 @dataclass(frozen=True)
 class BranchEnd:
     """Where a branch ends for good: the kind of event and its state."""
@@ -82,10 +96,10 @@ class Branch:
         direction : ±1
             Sense in which v goes on.
         """
-        out = np.zeros((point.size, 1))
-        out[: escape.size, 0] = escape
-        weights = 1.0 / equations.scales[:, None] ** 2
-        near, rates = equilibrium.on_planes(equations, point[:, None] + _LEAVE * out, weights * out)
+        try:
+            near, rates, out = beside(equations, point, escape)
+        except equilibrium.NotConverged:
+            return None  # no branch leaves in that direction
         if (near[-1, 0] - point[-1]) * direction <= 0.0 or conditions[0].margin(near[:, 0].tolist()) <= 0.0:
             return None
         nodes = np.concatenate([point[:, None], near], axis=1)

@@ -33,11 +33,11 @@ class VoltageLine:
 
     @classmethod
     def through(cls, start: Sequence[float], end: Sequence[float]) -> VoltageLine:
-        """The line from one set of voltages to another; from a set to itself, the common voltage's."""
+        """The line from one set of voltages to another; from a set to itself, that set at any v."""
         change = [b - a for a, b in zip(start, end, strict=True)]
         largest = max(change, key=abs)
         if largest == 0.0:
-            return cls.common(len(change))
+            return cls(tuple(start), (0.0,) * len(change))
         leader = change.index(largest)
         rate = tuple(c / largest for c in change)
         offset = tuple(
@@ -52,8 +52,8 @@ class VoltageLine:
         return cls((0.0,) * count, (1.0,) * count)
 
     def coordinate(self, voltages: Sequence[float]) -> float:
-        """The v at which the line passes through `voltages`."""
-        return float(voltages[self.rate.index(1.0)])
+        """The v at which the line passes through `voltages`; 0 on a line that goes nowhere."""
+        return float(voltages[self.rate.index(1.0)]) if any(self.rate) else 0.0
 
     def at(self, v: FloatArray | float) -> FloatArray:
         """Voltages at v: shape (n_electroded,) for a float, (n, n_electroded) for n values."""

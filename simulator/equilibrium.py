@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.events import Condition, softest_mode
-from simulator.model import Equations, Rows
+from simulator.model import Equations, Rows, SealedBalloons
 
 FloatArray = NDArray[np.float64]
 
@@ -193,9 +193,25 @@ def at_event(equations: Equations, condition: Condition, guess: FloatArray) -> F
         size = float(np.max(np.abs(step) / np.maximum(np.abs(state / scales), 1.0)))
         settled = size <= 4e-15 or size**3 <= 1e-15 * before**2
         if settled or (not size < 0.5 * before and _is_noise(defect.tolist(), [*rows, slope], values)):
-            return np.asarray(state)
+            return _symmetric(equations, np.asarray(state))
         before = size
     raise NotConverged(f"state at a {condition.kind}")
+
+
+def _symmetric(equations: Equations, state: FloatArray) -> FloatArray:
+    """A state with the stretches of equal balloons made equal where they differ by rounding.
+
+    At the branch point where equal balloons part, rounding is all that tells them apart, and much enlarged.
+    """
+    if not isinstance(equations, SealedBalloons):
+        return state
+    even = state.copy()
+    for membrane in set(equations.membranes):
+        same = [i for i, other in enumerate(equations.membranes) if other == membrane]
+        if np.ptp(state[same]) < 1e-6:
+            even[same] = state[same].mean()
+    residual, rows = equations.linearised(even.tolist())
+    return even if _is_noise(residual, rows, even.tolist()) else state
 
 
 def is_fold(equations: Equations, state: FloatArray) -> bool:
@@ -230,4 +246,28 @@ def escape_direction(equations: Equations, state: FloatArray, direction: float) 
     scale = np.sqrt(np.maximum(denominators, 1e-300) / weights)
     away = -np.sign(direction * (mode * np.sqrt(weights / np.maximum(denominators, 1e-300))) @ push)
     change = (away if away else 1.0) * scale * mode
+    return np.asarray(change / np.linalg.norm(change))
+
+
+def parting_direction(equations: Equations, state: FloatArray) -> FloatArray:
+    """How the stretches part at a branch point: of all soft modes, what lets the first balloon grow most.
+
+    With more than two equal balloons there are several soft modes, and the first balloon against all others
+    is the direction in which another branch leaves. Unit length, (n_balloons,).
+    """
+    values = state.tolist()
+    diagonal, squares = equations.stiffness(values)
+    arms = np.sqrt(np.maximum(squares, 0.0))
+    sizes, modes = np.linalg.eigh(np.diag(diagonal) + np.outer(arms, arms))
+    soft = modes[:, np.abs(sizes) <= 1e-8 * np.abs(sizes).max()]
+    soft = soft if soft.size else modes[:, :1]
+    first = int(np.argmax(np.abs(soft).max(axis=1) > 1e-3))
+    walls = equations.walls
+    scale = np.array(
+        [
+            np.sqrt(max(w.elastomer.pole_form(x)[1], 1e-300) / w.weight)
+            for w, x in zip(walls, values, strict=False)
+        ]
+    )
+    change = scale * (soft @ soft[first])
     return np.asarray(change / np.linalg.norm(change))

@@ -120,8 +120,8 @@ def curve_columns(curves: Sequence[Curve]) -> Columns:
     -------
     dict of str to (n_points,) array
         `arclength`, `voltage_<name>` of each electroded balloon, `stretch_<name>` of each balloon,
-        `pressure`, `field_<name>`, `charge_<name>`, `energy`, `stability`, `stable`; before them, where there are
-        several curves, the number of the `curve`, from 1. Dimensionless, see `Curve`.
+        `pressure`, `field_<name>`, `charge_<name>`, `energy`, `stability`, `stable`; before them, where
+        there are several curves, the number of the `curve`, from 1. Dimensionless, see `Curve`.
     """
     return _joined(
         [

@@ -29,11 +29,12 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-_LOOSE = 1e-3
+_LOOSE = 1e-4
 _TIGHT = 1e-11
 _NEAR = 0.05  # how far a Newton step may lead for Newton's method to take over
 _NEAREST = 1e-7
 _LONGEST = 1e12  # a time never reached
+_MOST_LOOKS = 50_000  # of IDA at the margins, about one a step
 _NUDGES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  # stretch by which a snap is started off its limit point
 _FAR = 1e3  # stretch, over the largest at the start, at which a flow without a limit counts as runaway
 
@@ -80,9 +81,12 @@ def relax(
     FlowError
         If it does neither within many steps.
     """
-    rest, closest = _flow(equations, conditions, start, _TIGHT if tight else _LOOSE, effort)
     if tight:
-        return rest
+        return _flow(equations, conditions, start, _TIGHT, effort)[0]
+    try:
+        rest, closest = _flow(equations, conditions, start, _LOOSE, effort)
+    except FlowError:
+        return _flow(equations, conditions, start, _TIGHT, effort)[0]
     if rest.end is None:
         values = rest.state.tolist()
         # A margin that was smallest at the rest itself was not grazed on the way.
@@ -148,9 +152,14 @@ def _holds(conditions: Sequence[Condition], state: FloatArray) -> bool:
 
 
 def _speed_along(equations: Equations, state: FloatArray, escape: FloatArray) -> float:
-    """How fast the flow carries a state along a direction of the stretches."""
+    """How fast the flow carries a state along a direction of the stretches.
+
+    Measured with the weights r²h, in which the flow is a gradient: what the stiff directions do, however
+    fast, does not count.
+    """
     _, rates = _consistent(equations, state)
-    return float(rates[: escape.size] @ escape)
+    weights = np.array([wall.weight / wall.modulus for wall in equations.walls])
+    return float((weights * rates[: escape.size]) @ escape)
 
 
 def _flow(
@@ -184,14 +193,25 @@ def _flow(
             ]
             state = states[:, -1]
             if ended < len(conditions):
-                return Rest(state, conditions[ended].kind), closest
+                return Rest(_at_margin(equations, conditions[ended], state), conditions[ended].kind), closest
             if ended > len(conditions):
                 return Rest(state, "runaway"), closest
-        landing = _landing(equations, state)
+        landing = _landing(equations, conditions, state)
         if landing is not None:
             return Rest(landing, None), closest
         near *= 0.1
     raise FlowError("the flow slows down where there is no rest")
+
+
+def _at_margin(equations: Equations, condition: Condition, state: FloatArray) -> FloatArray:
+    """The state of the flow, close to the given one, at which a margin is zero to rounding."""
+    for _ in range(3):
+        values, rates = _consistent(equations, state)
+        state = np.append(values, state[-1])
+        speed = float(condition.slope(state)[:-1] @ rates)
+        ahead = -float(condition.margin(state.tolist())) / speed
+        state[: len(equations.walls)] += ahead * rates[: len(equations.walls)]
+    return np.append(_consistent(equations, state)[0], state[-1])
 
 
 def _integrate(
@@ -205,6 +225,7 @@ def _integrate(
     from sksundae.ida import IDA
 
     v = float(start[-1])
+    looks = 0
     parts = [
         (wall.elastomer.pole_form, wall.elastomer.pole_form_slope, wall.modulus) for wall in equations.walls
     ]
@@ -228,6 +249,10 @@ def _integrate(
         out[:] = [row[:-1] for row in rows]
 
     def events(t: float, y: FloatArray, yp: FloatArray, out: FloatArray) -> None:
+        nonlocal looks
+        looks += 1
+        if looks > _MOST_LOOKS:
+            raise FlowError(f"no rest within {_MOST_LOOKS} steps")
         values = [*y.tolist(), v]
         out[:] = [margin(values) for margin in margins]
 
@@ -272,7 +297,7 @@ def _consistent(equations: Equations, start: FloatArray) -> tuple[FloatArray, Fl
     return np.array(values[:-1]), np.array(rates)
 
 
-def _landing(equations: Equations, state: FloatArray) -> FloatArray | None:
+def _landing(equations: Equations, conditions: Sequence[Condition], state: FloatArray) -> FloatArray | None:
     """The stable rest that a flowing state is about to reach, or None where that is not certain."""
     try:
         landing = equilibrium.one_at_drive(equations, state)
@@ -281,6 +306,8 @@ def _landing(equations: Equations, state: FloatArray) -> FloatArray | None:
     # Near, and stable all the way there: nothing else can hold the flow up in between.
     if np.max(np.abs(landing - state) / equations.scales) > 2.0 * _NEAR:
         return None
+    if not _holds(conditions, landing):
+        return None  # something ends the flow before it gets there
     stable = stability(equations).margin
     if any(stable((state + share * (landing - state)).tolist()) <= 0.0 for share in (0.5, 1.0)):
         return None

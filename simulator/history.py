@@ -57,7 +57,8 @@ class Event:
     time, step, kind
         When, in which step (from 1, cycles unrolled), and what.
     voltage : (n_electroded,) array
-        Voltages after the event (a `jump` changes them, nothing else does).
+        Voltages after the event. Only a `jump` changes them: a voltage that jumps, or a valve opened on a
+        state that the shared gas alone held, which leaves the voltages as they are.
     stretch_before, stretch_after : (n_balloons,) arrays
     pressure_before, pressure_after : float
     field_before, field_after : (n_electroded,) arrays

@@ -40,6 +40,7 @@ GAUSS_INTEGRALS = np.linalg.solve(
 _LONGEST = 1e9  # an arclength never reached
 _TIGHTEST = 1e-12
 _MOST_CUTS = 4
+_MOST_LOOKS = 50_000  # of IDA at the events, about one a step
 # Tolerance, over the one asked for, and longest step (0: any) of each attempt to follow a piece.
 _ATTEMPTS = ((1.0, 0.0), (0.1, 0.0), (1e-2, 0.25), (1e-3, 0.05), (1e-4, 0.01), (1e-5, 2e-3))
 SHORT = 1e-7  # in v over its scale: too short a piece to be integrated
@@ -222,6 +223,7 @@ def along(
     from sksundae.ida import IDA
 
     weights: list[float] = (1.0 / scales**2).tolist()
+    looks = 0
 
     def residual_of(s: float, y: FloatArray, yp: FloatArray, out: FloatArray) -> None:
         values = residual(y.tolist())
@@ -239,6 +241,10 @@ def along(
         out[:] = rows
 
     def events_of(s: float, y: FloatArray, yp: FloatArray, out: FloatArray) -> None:
+        nonlocal looks
+        looks += 1
+        if looks > _MOST_LOOKS:
+            raise NotConverged(f"no end within {_MOST_LOOKS} steps")
         out[:] = events(y.tolist(), yp.tolist())
 
     count = len(events(start.tolist(), direction.tolist()))
@@ -314,6 +320,7 @@ def _polished(
         )
         tangents[:, inner] = equilibrium.unit(equations, rates)
     _check_smooth(weights, points, nodes, tangents, moved)
+    _check_end(equations, conditions, nodes, tangents, end)
     dense, speeds = between(equations, nodes, tangents)
     _check_margins(equations, conditions, nodes, tangents, dense, end)
     return Segment(nodes, tangents, work(equations, dense, speeds), end)
@@ -420,6 +427,39 @@ def _check_smooth(
         raise NotConverged("the path turns too sharply between two points")
     if chords[-1].min() * chords[-1].max() <= 0.0:
         raise NotConverged("v is not monotone")
+
+
+def _check_end(
+    equations: Equations,
+    conditions: Sequence[Condition],
+    states: FloatArray,
+    tangents: FloatArray,
+    end: str | None,
+) -> None:
+    """The margin that ended a piece falls there. Where it rises, a root just before it was overlooked."""
+    place = next((i for i, condition in enumerate(conditions) if condition.kind == end), None)
+    if place is None or float(conditions[place].slope(states[:, -1]) @ tangents[:, -1]) <= 1e-9:
+        return
+    weights = 1.0 / equations.scales**2
+    inside, chord = states[:, -2], states[:, -1] - states[:, -2]
+    low, high = 0.0, 1.0
+    beyond = states[:, -1]
+    for _ in range(40):
+        middle = 0.5 * (low + high) if high < 1.0 else 1.0 - 0.25 * (1.0 - low)
+        guess = (inside + middle * chord)[:, None]
+        found = equilibrium.on_planes(equations, guess, (weights * chord)[:, None])[0][:, 0]
+        if float(conditions[place].margin(found.tolist())) < 0.0:
+            high, beyond = middle, found
+        else:
+            low = middle
+        if high - low < 1e-6:
+            break
+    raise _PassedUnseen(
+        conditions[place].kind,
+        place,
+        np.concatenate([states[:, :-1], beyond[:, None]], axis=1),
+        tangents.copy(),
+    )
 
 
 def _check_margins(

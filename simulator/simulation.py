@@ -81,10 +81,21 @@ def simulate(scenario: Scenario, *, progress: Callable[[float], None] | None = N
         raise SolverError(
             f"{scenario.file}: step {number}, time {run.clock:.12g}: {failure}; last stretches "
             f"{run.stretch.tolist()}, pressure {run.pressure:.12g}, voltages {run.voltage.tolist()}; "
-            "a smaller solver.rtol may help",
+            "the history up to there is kept; a small change of the scenario may help",
             run.history(),
         ) from failure
     return run.history()
+
+
+def _leading(fractions: FloatArray, waveform: Waveform, branches: Sequence[Branch | None]) -> int:
+    """How many of the fractions, from the first on, lie where all branches are known."""
+    v = waveform.at(fractions)
+    known = np.ones(v.size, dtype=bool)
+    for branch in branches:
+        if branch is not None:
+            low, high = branch.known_range()
+            known &= (v >= low) & (v <= high)
+    return int(v.size if known.all() else np.argmin(known))
 
 
 @dataclass
@@ -181,7 +192,7 @@ class _Run:
             start = min(
                 state + nudge, state - nudge, key=lambda y: float(group.equations.potential(y.tolist()))
             )
-            turns[len(groups)] = self.atlas.settle(group, "jump", start, state)
+            turns[len(groups)] = self.atlas.settle(group, "jump", start, state, tight=True)
             groups.append(group)
         if groups:
             self._turn(groups, line, turns, [self._state(g, 0.0) for g in groups])
@@ -243,7 +254,14 @@ class _Run:
                 for place in set(range(len(walks))) - set(turns):
                     self._book_stay(walks[place], at[place], since[place], v)
                 return
-        self._read(walks, at, line, waveform, fractions[fractions > passed + _SAME_INSTANT], start, lasts)
+        rest = fractions[fractions > passed + _SAME_INSTANT]
+        failure = next((walk.failure for walk in walks if walk.failure is not None), None)
+        if failure is not None:
+            rest = rest[: _leading(rest, waveform, at)]
+        self._read(walks, at, line, waveform, rest, start, lasts)
+        if failure is not None:
+            self.clock = float(self.rows.time[-1][-1])
+            raise failure
         v = float(values[-1])
         for walk, branch, v0 in zip(walks, at, since, strict=True):
             self._book_stay(walk, branch, v0, v)
@@ -426,7 +444,9 @@ class _Run:
         """∫|φ dq| + ∫|p dV| as far as the samples show it: the size that an imbalance is judged against."""
         electrical = 0.5 * np.abs((voltage[1:] + voltage[:-1]) * np.diff(charge, axis=0)).sum()
         supplied = 0.5 * np.abs((pressure[1:] + pressure[:-1]) * np.diff(volume))[is_open[1:]].sum()
-        return float(electrical + supplied)
+        # Few samples show little of it; what was booked is a bound from below.
+        booked = abs(self.electrical_work) + abs(self.gas_work) + self.dissipated
+        return float(max(electrical + supplied, booked))
 
     def history(self) -> History:
         """The record so far, with everything derived from it."""

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from simulator import flow
 from simulator.assembly import AnyEquations, Group
-from simulator.branch import Branch, BranchEnd
+from simulator.branch import Branch, BranchEnd, beside
 from simulator.drive import Waveform
-from simulator.equilibrium import escape_direction, is_fold
+from simulator.equilibrium import NotConverged, escape_direction, is_fold, parting_direction
 from simulator.model import ElectrodedMembrane, SealedBalloons
 from simulator.path import Effort, PathError
 
@@ -46,11 +46,15 @@ class Turn:
 
 @dataclass(frozen=True)
 class Walk:
-    """A group's way through one step: the branch it starts on (None where it cannot), and its turns."""
+    """A group's way through one step: the branch it starts on (None where it cannot), and its turns.
+
+    `failure` is why it could not be walked to its end; the turns before that are right.
+    """
 
     group: Group
     branch: Branch | None
     turns: tuple[Turn, ...]
+    failure: ArithmeticError | None = None
 
 
 @dataclass
@@ -82,25 +86,27 @@ class Atlas:
             return Walk(group, None, (Turn(0.0, (Happening(LOSS_OF_TENSION, state),), None),))
         highest = np.maximum.accumulate(values[::-1])[::-1]
         lowest = np.minimum.accumulate(values[::-1])[::-1]
-        first = branch = self.branch_at(group, state)
+        first = self.branch_at(group, state)
+        branch: Branch | None = first
         turns: list[Turn] = []
         leg = 0
-        while True:
-            low, high = branch.known_range()
-            outside = (values[leg + 1 :] < low) | (values[leg + 1 :] > high)
-            if not outside.any():
-                return Walk(group, first, tuple(turns))
-            leg += int(np.argmax(outside))
-            target = float(values[leg + 1])
-            rising = target > high
-            end = self._reach(branch, target, float(highest[leg + 1] if rising else lowest[leg + 1]))
-            if end is None:
-                continue
-            found, onward = self._leave(group, branch, end, 1.0 if rising else -1.0)
-            turns.append(Turn(waveform.when(leg, float(end.state[-1])), found, onward))
-            if onward is None:
-                return Walk(group, first, tuple(turns))
-            branch = onward
+        try:
+            while branch is not None:
+                low, high = branch.known_range()
+                outside = (values[leg + 1 :] < low) | (values[leg + 1 :] > high)
+                if not outside.any():
+                    break
+                leg += int(np.argmax(outside))
+                target = float(values[leg + 1])
+                rising = target > high
+                end = self._reach(branch, target, float(highest[leg + 1] if rising else lowest[leg + 1]))
+                if end is not None:
+                    found, onward = self._leave(group, branch, end, 1.0 if rising else -1.0)
+                    turns.append(Turn(waveform.when(leg, float(end.state[-1])), found, onward))
+                    branch = onward
+        except (PathError, flow.FlowError, NotConverged) as failure:
+            return Walk(group, first, tuple(turns), failure)
+        return Walk(group, first, tuple(turns))
 
     def _reach(self, branch: Branch, target: float, furthest: float) -> BranchEnd | None:
         """Follow a branch as far as the waveform needs it; return its end if that comes before `target`."""
@@ -139,8 +145,7 @@ class Atlas:
     ) -> tuple[tuple[Happening, ...], Branch | None]:
         """How it goes on from a branch point: gradually along another branch, or by a snap.
 
-        Of the two senses of the unstable direction, equal by symmetry, the one in which the first balloon
-        concerned grows.
+        Of the unstable directions, equal by symmetry, the one in which the first balloon concerned grows.
         """
         equations, others = group.equations, group.conditions[1:]
         here = (Happening("branch_point", point, point, 0.0),)
@@ -150,23 +155,28 @@ class Atlas:
             end = branch.upper if direction < 0.0 else branch.lower
             if end is not None and np.abs(end.state - point).max() < 1e-7 and branch.states.shape[1] > 1:
                 return here, branch
-        mode = escape_direction(equations, point, direction)
-        escape = mode * np.sign(mode[np.argmax(np.abs(mode) > 1e-3)])
-        gradual = Branch.leaving(equations, group.conditions, point, escape, direction)
-        if gradual is not None:
-            known.append(gradual)
-            return here, gradual
-        rest = flow.snap(equations, others, point, escape, self.effort)
+        escape = parting_direction(equations, point)
+        for sense in (escape, -escape):
+            gradual = Branch.leaving(equations, group.conditions, point, sense, direction)
+            if gradual is not None:
+                known.append(gradual)
+                return here, gradual
+        # The branch goes back in v and is unstable; seen from there the state at this v is carried away.
+        start = beside(equations, point, escape)[0][:, 0]
+        start[-1] = point[-1]
+        rest = flow.relax(equations, others, start, self.effort, tight=True)
         found = arrivals(equations, "branch_point", point, rest)
         return found, None if rest.end is not None else self.branch_at(group, rest.state)
 
-    def settle(self, group: Group, kind: str, start: FloatArray, before: FloatArray) -> Turn:
+    def settle(
+        self, group: Group, kind: str, start: FloatArray, before: FloatArray, *, tight: bool = False
+    ) -> Turn:
         """A change at once: the flow from `start`, no equilibrium; `before` is the state recorded."""
         equations, others = group.equations, group.conditions[1:]
         broken = [c.kind for c in others if c.margin(start.tolist()) < 0.0]
         if broken:
             return Turn(0.0, (Happening(kind, before, start, 0.0), Happening(broken[0], start)), None)
-        rest = flow.relax(equations, others, start, self.effort)
+        rest = flow.relax(equations, others, start, self.effort, tight=tight)
         return Turn(0.0, arrivals(equations, kind, before, rest), None)
 
 

@@ -21,7 +21,9 @@ def force(stretch, J=100):
 
 def inflated(load):
     """Stretch of the first state met on raising the load p r from zero."""
-    ends = (ONE + mp.mpf("1e-12"), mp.mpf("1.39")) if load < mp.mpf("1.2536") else (mp.mpf(6), mp.mpf("7.1763"))
+    ends = (
+        (ONE + mp.mpf("1e-12"), mp.mpf("1.39")) if load < mp.mpf("1.2536") else (mp.mpf(6), mp.mpf("7.1763"))
+    )
     return mp.findroot(lambda x: force(x) / x**2 - load, ends, solver="anderson")
 
 

@@ -74,9 +74,21 @@ def test_snap_that_loses_tension(name):
 
 # Scenario, pair, limit point up and its landing, limit point down and its landing (None: stays snapped).
 SNAPS = {
-    "fig3c_state_b": (Pair("1", "0.015", "1.2"), (2.0545, 1.05), (6.515, 1.0002), (4.9436, 1.002), (1.453, 1.166)),
+    "fig3c_state_b": (
+        Pair("1", "0.015", "1.2"),
+        (2.0545, 1.05),
+        (6.515, 1.0002),
+        (4.9436, 1.002),
+        (1.453, 1.166),
+    ),
     "fig5b_state_b": (Pair("0.5", "1", "2.4"), (1.3886, 6.7311), (6.2827, 6.6755), None, None),
-    "fig5c_state_a": (Pair("0.5", "0.05", "1.2"), (1.3191, 1.242), (6.8708, 1.0013), (4.7361, 1.0122), (1.0917, 1.2609)),
+    "fig5c_state_a": (
+        Pair("0.5", "0.05", "1.2"),
+        (1.3191, 1.242),
+        (6.8708, 1.0013),
+        (4.7361, 1.0122),
+        (1.0917, 1.2609),
+    ),
     "fig5c_state_b": (Pair("0.5", "0.05", "2.4"), (1.3885, 6.7311), (6.305, 6.6889), None, None),
 }
 
@@ -114,7 +126,9 @@ def test_state_c_changes_little(name, stretch):
     assert history.stretch[-1] == pytest.approx(history.stretch[history.step == 1][-1], abs=STATE)
 
 
-@pytest.mark.parametrize("name", [*SLACK, *SNAPS_SLACK, *SNAPS, "fig3a_state_c", "fig5b_state_c", "fig5c_state_c"])
+@pytest.mark.parametrize(
+    "name", [*SLACK, *SNAPS_SLACK, *SNAPS, "fig3a_state_c", "fig5b_state_c", "fig5c_state_c"]
+)
 def test_books_balance_and_samples_are_on_the_curve(name):
     history = played(name)
     assert history.energy_balance.relative_imbalance < 1e-8
@@ -138,5 +152,9 @@ def test_books_balance_and_samples_are_on_the_curve(name):
 def test_inflated_states(load, stretch):
     assert float(inflated(mp.mpf(str(load)))) == pytest.approx(stretch, abs=5e-7)
     scenario = load_scenario("scenarios/fig2_inflation.toml")
-    scenario = scenario.model_copy(update={"steps": (scenario.steps[0].model_copy(update={"inflate": load}),)})
-    assert simulate(scenario).stretch[-1] == pytest.approx([float(inflated(mp.mpf(str(load))))] * 2, abs=1e-10)
+    scenario = scenario.model_copy(
+        update={"steps": (scenario.steps[0].model_copy(update={"inflate": load}),)}
+    )
+    assert simulate(scenario).stretch[-1] == pytest.approx(
+        [float(inflated(mp.mpf(str(load))))] * 2, abs=1e-10
+    )

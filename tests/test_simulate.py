@@ -475,3 +475,84 @@ def test_a_thousand_cycles():
     loops = states(history)[11:].reshape(1000, -1, 4)
     assert np.ptp(loops, axis=0).max() < 1e-9
     assert history.statistics.ida_solves < 10
+
+
+# -- what went wrong once ---------------------------------------------------------------------------------
+
+
+def test_a_ramp_by_name_to_the_present_value_changes_nothing_else():
+    steps = [
+        {"inflate": 1.0},
+        {"ramp": {"b0": 0.1, "b1": 0.05}},
+        {"ramp": {"b0": 0.1}},
+        {"jump": {"b0": 0.1}},
+    ]
+    history = run(several(2, (0, 1), steps))
+    assert kinds(history) == []
+    assert history.voltage[-1].tolist() == [0.1, 0.05]
+
+
+@pytest.mark.parametrize(("inflate", "voltage"), [(0.05, 0.36), (0.02, 0.3), (0.1, 0.45)])
+def test_a_flow_that_would_rest_without_tension_loses_it(inflate, voltage):
+    history = run(single({"inflate": inflate}, {"jump": voltage}, {"hold": 1}))
+    assert kinds(history) == ["jump", "loss_of_tension"]
+    assert history.pressure[-1] == pytest.approx(0.0, abs=1e-14)
+    assert (history.pressure[-1] + 1.0) * history.volume[-1] == pytest.approx(history.gas[-1], rel=1e-13)
+
+
+def test_a_flow_that_would_rest_beyond_breakdown_breaks():
+    history = run(pair(0.6, {"jump": 0.35}, {"hold": 1}, active={"breakdown": {"field": 0.4}}))
+    assert kinds(history) == ["jump", "breakdown"]
+    assert history.field[-1, 0] == pytest.approx(0.4, rel=1e-12)
+
+
+def test_a_voltage_far_beyond_all_scales():
+    history = run(pair(2.4, {"ramp": 3000.0}, radius=0.5))
+    assert history.outcome is Outcome.COMPLETED
+    limit = 7.176336912341698
+    assert 0.0 < limit - history.stretch[-1, 0] < 1e-8
+
+
+def test_equal_actuators_beside_a_passive_balloon():
+    """Their branch point is subcritical: the branch that leaves it goes back in voltage, so it snaps."""
+    history = run(several(3, (0, 1), [{"inflate": 0.5}, {"ramp": 0.6}], ambient=1.0, radii=[0.9, 0.9, 1.0]))
+    for event in history.events:
+        assert event.kind is not EventKind.LIMIT_POINT or event.dissipated >= 0.0
+    assert history.outcome in (Outcome.COMPLETED, Outcome.LOSS_OF_TENSION)
+    assert history.energy_balance.relative_imbalance < 1e-8
+
+
+@pytest.mark.parametrize("imperfection", [1e-9, 1e-8, 1e-7, 1e-5])
+def test_an_imperfection_decides_which_actuator_grows(imperfection):
+    """The branch point of equal balloons unfolds: no event, the larger one grows, smoothly and fast."""
+    radii = [1.0, 1.0 + imperfection]
+    history = run(several(2, (0, 1), [{"inflate": 1.2}, {"ramp": 0.5}], ambient=1.0, radii=radii))
+    assert kinds(history) == []
+    assert history.stretch[-1, 1] > history.stretch[-1, 0] + 0.5
+    assert history.energy_balance.relative_imbalance < 1e-8
+
+
+@pytest.mark.parametrize(
+    ("J_lim", "snaps"), [(17.638, 0), (17.63809, 2), (17.6381, 2), (17.64, 2), (17.6, 0)]
+)
+def test_snaps_about_to_vanish(J_lim, snaps):
+    """Peak and valley of inflation meet at J = 17.63808: two limit points 1e-9 apart in pressure are seen."""
+    history = run(pair(3.0, {"inflate": 0.0}, J_lim=J_lim))
+    assert len(history.events) == snaps
+
+
+def test_a_failed_step_keeps_what_it_reached(monkeypatch):
+    from simulator import flow
+    from simulator.simulation import SolverError, simulate
+
+    def fail(*_, **__):
+        raise flow.FlowError("for the test")
+
+    monkeypatch.setattr(flow, "snap", fail)
+    scenario = pair(1.2, {"ramp": 0.4, "over": 10}, ambient=0.015)
+    with pytest.raises(SolverError, match="step 2, time 10: for the test") as error:
+        simulate(scenario)
+    history = error.value.history
+    assert history.outcome is Outcome.FAILED
+    assert history.voltage[-1, 0] == pytest.approx(0.36, abs=0.004)
+    assert history.step[-1] == 2

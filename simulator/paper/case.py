@@ -10,7 +10,7 @@ import numpy as np
 
 from simulator.scenario import load_scenario
 from simulator.simulation import simulate
-from simulator.trace import trace_all
+from simulator.trace import Until, trace, trace_all
 
 if TYPE_CHECKING:
     from simulator.curve import Curve, SpecialPoint
@@ -103,8 +103,8 @@ class Case:
         return self.history.outcome == "loss_of_tension"
 
     def stretch_at(self, voltages: FloatArray) -> FloatArray:
-        """Active stretches on a path whose voltage only rises."""
-        return np.interp(voltages, self.curve.voltage[:, 0], self.curve.stretch[:, 0])
+        """Active stretches where the path first comes to voltages."""
+        return np.array([trace(self.scenario, Until(v=v)).end.stretch[0] for v in voltages.tolist()])
 
 
 def load_cases(scenarios: Path) -> dict[str, Case]:

@@ -99,7 +99,8 @@ def _panel_b(cases: dict[str, Case]) -> list[Statement]:
                 "state to rest in, and loses tension itself",
                 not case.loses_tension,
                 "of states of equilibrium",
-                bool(peak.pressure > 0.0 and (case.curve.unstable[: case.rising] == 0).all()),
+                case.loses_tension
+                and bool(peak.pressure > 0.0 and (case.curve.unstable[: case.rising] == 0).all()),
             ),
             Statement(
                 f"Fig. 3b, {letter}",
@@ -107,7 +108,7 @@ def _panel_b(cases: dict[str, Case]) -> list[Statement]:
                 f"it is {peak.voltage[0] - end.voltage[0]:.4f} below the peak, but all states between are unstable",
                 bool((after == 0).all() and end.voltage[0] < peak.voltage[0]),
                 "of the curve, followed beyond its peak through unstable states",
-                bool(end.voltage[0] < peak.voltage[0]),
+                bool((after > 0).all() and end.voltage[0] < peak.voltage[0]),
             ),
         ]
     case = cases["3b C"]

@@ -56,7 +56,7 @@ def statements(cases: dict[str, Case]) -> list[Statement]:
             "O and O′ are two stable states",
             f"O = ({before[0]:.8f}, {before[1]:.8f}, p = {snap.pressure_before:.8f}), "
             f"O′ = ({after[0]:.8f}, {after[1]:.8f}, p = {pressure_after:.8f}); smallest eigenvalue of the Hessian "
-            f"{abs(stability):.0e} and {rests:.3f}".replace("0e+00", "0"),
+            f"{abs(round(stability, 9)):g} and {rests:.3f}",
             stability > 1e-6 and rests > 1e-6,
             "O, where the lines touch, is the last of the stable states, and itself neither stable nor unstable",
             abs(stability) < 1e-6 < rests and bool((curve.stability[: case.rising - 1] > 0.0).all()),

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from simulator.paper.case import Case, Misprint, Statement, case_of
+
+if TYPE_CHECKING:
+    from simulator.history import Event
 
 _AMBIENTS = (0.0, 0.05, 0.2, 1.0, 5.0, 20.0, 100.0)
 _VOLTAGES = np.array([0.05, 0.1, 0.2, 0.4, 0.6])
@@ -15,7 +20,7 @@ def statements(cases: dict[str, Case]) -> list[Statement]:
     five_b = {letter: cases[f"5b {letter}"] for letter in "ABC"}
     five_c = {letter: cases[f"5c {letter}"] for letter in "ABC"}
     everywhere = [_at(cases["5b B"], ambient) for ambient in _AMBIENTS]
-    landings = [float(case.snaps[0].stretch_after[0]) for case in everywhere if _lands(case)]  # type: ignore[index]
+    landings = [_landing(case.snaps[0]) for case in everywhere if _lands(case)]
     last = [cases[f"{panel} C"].stretch_at(_VOLTAGES) for panel in ("3a", "3b", "3c", "5b", "5c")]
     spread = float(np.max(np.ptp(last, axis=0) / np.min(last, axis=0)))
     at = [f"{row[2]:.4f}" for row in last]
@@ -25,10 +30,12 @@ def statements(cases: dict[str, Case]) -> list[Statement]:
             "Fig. 5",
             "states A, B, C are those of Fig. 2: P₀R₂/(μH) = 0.6, 1.2, 1.3",
             f"B is then our A (P₀R₂/(μH) = {inflations[0]:.4g}): at pₑ = 1 {_fate(five_b['A'])}, and switched off "
-            f"there is no state near 6",
+            "there is no state near 6",
             _lands(five_b["A"]),
             "0.6, 1.2, 1.3 are the active balloon's own load mP₀R₂/(μH): P₀R₂/(μH) = 1.2, 2.4, 2.6",
-            np.allclose(0.5 * np.array(inflations), [0.6, 1.2, 1.3]) and _lands(five_b["B"]),
+            np.allclose(0.5 * np.array(inflations), [0.6, 1.2, 1.3])
+            and _lands(five_b["B"])
+            and max(curve.stretch[0, 0] for curve in five_b["A"].curves) < 2.0,
         ),
         Statement(
             "Fig. 5",
@@ -121,7 +128,12 @@ def _at(case: Case, ambient: float) -> Case:
 
 def _lands(case: Case) -> bool:
     """Whether the active balloon snaps up to a stable state."""
-    return bool(case.snaps) and bool(case.snaps[0].stretch_after[0] > case.snaps[0].stretch_before[0])  # type: ignore[index]
+    return any(_landing(event) > event.stretch_before[0] for event in case.snaps)
+
+
+def _landing(event: Event) -> float:
+    """The active stretch at which a snap ends."""
+    return float(event.stretch_before[0] if event.stretch_after is None else event.stretch_after[0])
 
 
 def _fate(case: Case) -> str:
