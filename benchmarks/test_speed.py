@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -45,7 +46,7 @@ def lsoda(*ends: float, rtol: float = 1e-8, atol: float = 1e-10, until: float | 
 
     snapped.terminal = True
     state = [start, start]
-    for begin, end in zip(ends[:-1], ends[1:], strict=True):
+    for begin, end in pairwise(ends):
         events = snapped if until else None
         result = solve_ivp(rates, (begin, end), state, method="LSODA", rtol=rtol, atol=atol, events=events)
         state = result.y[:, -1]

@@ -13,21 +13,26 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from simulator.curve import Curve, FoldCurve
     from simulator.explanation import explain
     from simulator.files import OutputError
     from simulator.history import EnergyBalance, Event, EventKind, History, Outcome, SolverStatistics
+    from simulator.path import PathError
     from simulator.scenario import Scenario, ScenarioError, load_scenario
     from simulator.simulation import SolverError, simulate
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "Curve",
     "EnergyBalance",
     "Event",
     "EventKind",
+    "FoldCurve",
     "History",
     "Outcome",
     "OutputError",
+    "PathError",
     "Scenario",
     "ScenarioError",
     "SolverError",
@@ -38,12 +43,15 @@ __all__ = [
 ]
 
 _HOME = {
+    "Curve": "curve",
     "EnergyBalance": "history",
     "Event": "history",
     "EventKind": "history",
+    "FoldCurve": "curve",
     "History": "history",
     "Outcome": "history",
     "OutputError": "files",
+    "PathError": "path",
     "Scenario": "scenario",
     "ScenarioError": "scenario",
     "SolverError": "simulation",

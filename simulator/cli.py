@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated, BinaryIO, NoReturn
 
 import typer
 
-from simulator.terminal import progress_bar, summarise_run, summarise_trace
+from simulator.terminal import progress_bar, summarise_fold, summarise_run, summarise_trace
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -159,6 +159,57 @@ def trace(
     if not quiet:
         asked = any(wish is not None for wish in (to_voltage, to_pressure, to_stretch))
         summarise_trace(curves, paths, asked=asked)
+
+
+@app.command()
+def fold(
+    scenario: ScenarioArgument,
+    vary: Annotated[
+        str, typer.Option(metavar="KEY", help="The number to change, such as gas.ambient_pressure.")
+    ],
+    to: Annotated[float, typer.Option(metavar="X", help="Its last value.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Where the results go.", show_default="results/<SCENARIO's stem>-fold"
+        ),
+    ] = None,
+    point: Annotated[int, typer.Option(metavar="N", help="Which limit point of the path, from 1.")] = 1,
+    inflation: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="A limit point of this balloon's inflation.", show_default=False),
+    ] = None,
+    plot: Annotated[bool, typer.Option("--plot", help="Also draw fold.png.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+) -> None:
+    """Follow a limit point while one number of the scenario changes; write fold.csv."""
+    from simulator.export import FOLD_FILE, write_fold
+    from simulator.files import OutputError, check_writable, write_files
+    from simulator.fold import fold as follow
+    from simulator.scenario import ScenarioError, load_scenario
+    from simulator.simulation import SolverError
+
+    directory = Path("results") / f"{scenario.stem}-fold" if out is None else out
+    try:
+        loaded = load_scenario(scenario)
+        check_writable(directory, (FOLD_FILE, "fold.png") if plot else (FOLD_FILE,))
+        curve = follow(loaded, vary, to, point=point, inflation=inflation)
+        pictures: dict[str, Callable[[BinaryIO], object]] = {}
+        if plot:
+            from simulator.plot import draw_fold_png
+
+            pictures = {"fold.png": partial(_write_bytes, draw_fold_png(curve))}
+        paths = write_fold(curve, directory)
+        if pictures:
+            paths += write_files(directory, pictures)
+    except (ScenarioError, OutputError) as error:
+        _fail(str(error), 2)
+    except (SolverError, ArithmeticError) as error:
+        _fail(f"the solver failed: {error}\nnothing written", 3)
+    except KeyboardInterrupt:
+        _fail("interrupted, nothing written", 130)
+    if not quiet:
+        summarise_fold(curve, to, paths)
 
 
 @app.command()

@@ -145,3 +145,21 @@ class FoldCurve:
 
     def __len__(self) -> int:
         return int(self.value.size)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """The points as a table, with the columns of `fold.csv`."""
+        from simulator.export import fold_table
+
+        return fold_table(self)
+
+    def to_csv(self, directory: str | PathLike[str]) -> list[Path]:
+        """Write `fold.csv` into `directory`; return its path."""
+        from simulator.export import write_fold
+
+        return write_fold(self, directory)
+
+    def plot(self) -> Figure:
+        """Draw the voltage of the limit point (of an inflation: its pressure) over the parameter."""
+        from simulator.plot import plot_fold
+
+        return plot_fold(self)

@@ -176,7 +176,6 @@ def at_event(equations: Equations, condition: Condition, guess: FloatArray) -> F
         If the residual or the margin does not vanish.
     """
     state = guess.copy()
-    scales = equations.scales
     before = np.nan  # unknown: no first step is believed
     for _ in range(2 * _ITERATIONS):
         values = state.tolist()
@@ -185,12 +184,14 @@ def at_event(equations: Equations, condition: Condition, guess: FloatArray) -> F
         if not np.all(np.isfinite(defect)):
             break
         slope = condition.slope(state).tolist()
+        # In sizes of the state itself: near a stretch limit the pressure or voltage is far above its scale.
+        scales = np.maximum(equations.scales, np.abs(state))
         matrix = np.array([*rows, slope], dtype=np.float64) * scales
         # Rows of one size, so that only a true singularity is cut off, not a small row.
         sizes = np.sqrt(np.einsum("ij,ij->i", matrix, matrix))
         step = np.linalg.lstsq(matrix / sizes[:, None], defect / sizes, rcond=1e-9)[0]
         state = state - scales * step
-        size = float(np.max(np.abs(step) / np.maximum(np.abs(state / scales), 1.0)))
+        size = float(np.max(np.abs(step)))
         settled = size <= 4e-15 or size**3 <= 1e-15 * before**2
         if settled or (not size < 0.5 * before and _is_noise(defect.tolist(), [*rows, slope], values)):
             return _symmetric(equations, np.asarray(state))

@@ -28,13 +28,14 @@ from simulator.history import Outcome
 if TYPE_CHECKING:
     import pandas as pd
 
-    from simulator.curve import Curve, SpecialPoint
+    from simulator.curve import Curve, FoldCurve, SpecialPoint
     from simulator.history import Event, FloatArray, History
 
 Columns = dict[str, NDArray[Any]]
 
 RUN_FILES = ("history.csv", "events.csv", "run.json")
 TRACE_FILES = ("curve.csv", "points.csv")
+FOLD_FILE = "fold.csv"
 
 _ROWS_AT_ONCE = 8192
 
@@ -305,6 +306,34 @@ def write_curves(curves: Sequence[Curve], directory: str | os.PathLike[str]) -> 
     """
     tables = dict(zip(TRACE_FILES, (curve_columns(curves), point_columns(curves)), strict=True))
     return write_files(directory, {name: partial(_write_csv, columns) for name, columns in tables.items()})
+
+
+def fold_columns(curve: FoldCurve) -> Columns:
+    """The columns of `fold.csv`: the parameter's value, and the limit point there."""
+    return {
+        curve.parameter: curve.value,
+        "voltage": curve.voltage,
+        **_by_name("stretch", curve.balloons, curve.stretch),
+        "pressure": curve.pressure,
+    }
+
+
+def fold_table(curve: FoldCurve) -> pd.DataFrame:
+    """`fold_columns` as a DataFrame."""
+    import pandas as pd
+
+    return pd.DataFrame(fold_columns(curve))
+
+
+def write_fold(curve: FoldCurve, directory: str | os.PathLike[str]) -> list[Path]:
+    """Write `fold.csv` into a directory, created if need be; numbers as in `write_run`.
+
+    Raises
+    ------
+    OutputError
+        If the directory cannot be made or written to.
+    """
+    return write_files(directory, {FOLD_FILE: partial(_write_csv, fold_columns(curve))})
 
 
 def _joined(parts: Sequence[Columns]) -> Columns:

@@ -230,9 +230,17 @@ def _integrate(
         (wall.elastomer.pole_form, wall.elastomer.pole_form_slope, wall.modulus) for wall in equations.walls
     ]
 
+    count = len(parts)
+    sealed = equations.has_pressure
+
+    def full(stretches: list[float]) -> list[float]:
+        # The gas law is solved for the pressure here: as an unknown of the DAE it is the stiffer the higher
+        # the ambient pressure, and IDA would have to follow its every digit.
+        return [*stretches, equations.gas_pressure(stretches), v] if sealed else [*stretches, v]
+
     def residual(t: float, y: FloatArray, yp: FloatArray, out: FloatArray) -> None:
         values, speeds = y.tolist(), yp.tolist()
-        rows = equations.residual([*values, v])
+        rows = equations.residual(full(values))[:count]
         for i, (pole_form, _, modulus) in enumerate(parts):
             denominator = pole_form(values[i])[1]
             # Beyond the stretch limit there is nothing: IDA takes it for a step too long.
@@ -243,17 +251,21 @@ def _integrate(
         t: float, y: FloatArray, yp: FloatArray, res: FloatArray, cj: float, out: FloatArray
     ) -> None:
         values, speeds = y.tolist(), yp.tolist()
-        _, rows = equations.linearised([*values, v])
+        _, rows = equations.linearised(full(values))
         for i, (pole_form, slope, modulus) in enumerate(parts):
             rows[i][i] += (cj * pole_form(values[i])[1] + slope(values[i])[1] * speeds[i]) / modulus
-        out[:] = [row[:-1] for row in rows]
+        if sealed:
+            gas = [entry / rows[count][count] for entry in rows[count][:count]]
+            for row in rows[:count]:
+                row[:count] = [entry - row[count] * g for entry, g in zip(row, gas, strict=False)]
+        out[:] = [row[:count] for row in rows[:count]]
 
     def events(t: float, y: FloatArray, yp: FloatArray, out: FloatArray) -> None:
         nonlocal looks
         looks += 1
         if looks > _MOST_LOOKS:
             raise FlowError(f"no rest within {_MOST_LOOKS} steps")
-        values = [*y.tolist(), v]
+        values = full(y.tolist())
         out[:] = [margin(values) for margin in margins]
 
     events.direction = [-1] * len(margins)  # type: ignore[attr-defined]
@@ -264,18 +276,17 @@ def _integrate(
         eventsfn=events,
         num_events=len(margins),
         rtol=rtol,
-        atol=rtol * equations.scales[:-1],
-        algebraic_idx=[len(parts)] if equations.has_pressure else None,
+        atol=rtol,
     )
     with contextlib.redirect_stdout(io.StringIO()):  # where scikit-sundae prints failures
-        result = solver.solve([0.0, _LONGEST], y0, yp0)
+        result = solver.solve([0.0, _LONGEST], y0[:count], yp0[:count])
     effort.ida_solves += 1
     effort.ida_steps += len(result.t) - 1
     effort.residual_calls += int(result.nfev)
     effort.jacobian_calls += int(result.njev)
     if result.status != 2:
         raise FlowError(f"IDA: {result.message}")
-    states = np.vstack([result.y.T, np.full(len(result.t), v)])
+    states = np.array([full(values) for values in result.y.tolist()]).T
     return states, int(np.flatnonzero(result.i_events[-1])[0])
 
 

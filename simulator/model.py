@@ -208,6 +208,10 @@ class Equations(Protocol):
         """Excess pressure."""
         ...
 
+    def gas_pressure(self, stretches: Sequence[Number]) -> Number:
+        """The pressure that the gas law gives for stretches, where the pressure is an unknown."""
+        ...
+
     def potential(self, y: State) -> Number:
         """Π up to a constant, small where y is near the state of sealing (so that little cancels)."""
         ...
@@ -308,6 +312,13 @@ class SealedBalloons:
     def pressure(self, y: State) -> Number:
         return y[-2]
 
+    def gas_pressure(self, stretches: Sequence[Number]) -> Number:
+        """The pressure that the gas law gives for stretches."""
+        volume: Number = 0.0
+        for wall, x in zip(self.walls, stretches, strict=True):
+            volume = volume + wall.cube * x * x * x
+        return 3.0 * self.amount / volume - self.ambient
+
     def potential(self, y: State) -> Number:
         *stretches, _, v = y
         walls: Number = 0.0
@@ -374,6 +385,10 @@ class OpenBalloon:
 
     def pressure(self, y: State) -> Number:
         return self.pressure_offset + self.pressure_rate * y[1]
+
+    def gas_pressure(self, stretches: Sequence[Number]) -> Number:
+        """No gas law here, the pressure is given."""
+        raise NotImplementedError
 
     def potential(self, y: State) -> Number:
         x, v = y

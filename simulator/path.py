@@ -113,14 +113,14 @@ def follow(
         short = _short(equations, conditions, start, target)
         if short is not None:
             return short
-    failure = None
+    failure: Exception | None = None
     for tighter, largest_step in _ATTEMPTS:
         try:
             points, directions, ended = _integrate(
                 equations, conditions, start, target, max(rtol * tighter, _TIGHTEST), largest_step, effort
             )
             return _mended(equations, conditions, points, directions, ended, target)
-        except NotConverged as not_converged:
+        except (ArithmeticError, np.linalg.LinAlgError) as not_converged:
             failure = not_converged
     raise PathError(f"{failure} from v = {start[-1]:.12g} to {target:.12g}") from failure
 

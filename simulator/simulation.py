@@ -20,12 +20,9 @@ from simulator.assembly import AnyEquations, Group
 from simulator.branch import Branch
 from simulator.device import Device
 from simulator.drive import VoltageLine, Waveform
-from simulator.equilibrium import NotConverged
 from simulator.events import softest_mode
-from simulator.flow import FlowError
 from simulator.history import EnergyBalance, Event, EventKind, History, Outcome, SolverStatistics
 from simulator.model import OpenBalloon
-from simulator.path import PathError
 from simulator.scenario import Hold, Inflate, duration
 from simulator.walk import Atlas, Happening, Turn, Walk, by_time, loses_tension
 
@@ -76,7 +73,7 @@ def simulate(scenario: Scenario, *, progress: Callable[[float], None] | None = N
                 progress(number / total)
             if run.outcome is not Outcome.COMPLETED:
                 break
-    except (PathError, FlowError, NotConverged, np.linalg.LinAlgError) as failure:
+    except (ArithmeticError, np.linalg.LinAlgError) as failure:
         run.outcome = Outcome.FAILED
         raise SolverError(
             f"{scenario.file}: step {number}, time {run.clock:.12g}: {failure}; last stretches "

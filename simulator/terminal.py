@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from simulator.curve import Curve
+    from simulator.curve import Curve, FoldCurve
     from simulator.history import Event, FloatArray, History
 
 EVENTS_SHOWN = 20
@@ -100,6 +100,28 @@ def summarise_trace(curves: Sequence[Curve], paths: list[Path], *, asked: bool) 
         stable = f"{(curve.unstable == 0).mean():.0%}"
         print(f"end      {which}{_ending(curve, asked=asked)}; {stable} of its points are stable")
     print(f"cost     {sum(c.ida_steps for c in curves)} IDA steps, {sum(len(c) for c in curves)} points")
+    print(f"files    {paths[0].parent}: {', '.join(path.name for path in paths)}")
+
+
+def summarise_fold(curve: FoldCurve, to: float, paths: list[Path]) -> None:
+    """Say where the curve of a limit point begins and ends, and why.
+
+    Parameters
+    ----------
+    curve : FoldCurve
+    to : float
+        The value that was asked for.
+    paths : list of Path
+        Files written.
+    """
+    drive = "voltage" if curve.voltage.any() else "pressure"
+    values = curve.voltage if curve.voltage.any() else curve.pressure
+    print(_printable(curve.title))
+    for place, name in ((0, "from"), (-1, "to")):
+        print(f"{name:8} {curve.parameter} = {curve.value[place]:.10g}: {drive} {values[place]:.10g}")
+    reached = "reached" if curve.end == "reached" else f"{to:g} not reached: {curve.end.replace('_', ' ')}"
+    print(f"end      {reached}")
+    print(f"cost     {curve.ida_steps} IDA steps, {len(curve)} points")
     print(f"files    {paths[0].parent}: {', '.join(path.name for path in paths)}")
 
 

@@ -16,7 +16,7 @@ from simulator import flow
 from simulator.assembly import AnyEquations, Group
 from simulator.branch import Branch, BranchEnd, beside
 from simulator.drive import Waveform
-from simulator.equilibrium import NotConverged, escape_direction, is_fold, parting_direction
+from simulator.equilibrium import escape_direction, is_fold, parting_direction
 from simulator.model import ElectrodedMembrane, SealedBalloons
 from simulator.path import Effort, PathError
 
@@ -54,7 +54,7 @@ class Walk:
     group: Group
     branch: Branch | None
     turns: tuple[Turn, ...]
-    failure: ArithmeticError | None = None
+    failure: Exception | None = None
 
 
 @dataclass
@@ -104,7 +104,7 @@ class Atlas:
                     found, onward = self._leave(group, branch, end, 1.0 if rising else -1.0)
                     turns.append(Turn(waveform.when(leg, float(end.state[-1])), found, onward))
                     branch = onward
-        except (PathError, flow.FlowError, NotConverged) as failure:
+        except (ArithmeticError, np.linalg.LinAlgError) as failure:
             return Walk(group, first, tuple(turns), failure)
         return Walk(group, first, tuple(turns))
 

@@ -117,3 +117,30 @@ def test_a_limit_point_that_is_not_there():
         fold(load_scenario("scenarios/fig3a_state_a.toml"), "gas.ambient_pressure", 2.0)
     with pytest.raises(ScenarioError, match="there are 2 limit points"):
         fold(load_scenario(FIG3C), "gas.ambient_pressure", 2.0, point=3)
+
+
+def test_command(tmp_path):
+    from typer.testing import CliRunner
+
+    from simulator.cli import app
+
+    def balloons(*words):
+        return CliRunner().invoke(app, ["fold", FIG3C, *words, "--out", str(tmp_path)])
+
+    result = balloons("--vary", "gas.ambient_pressure", "--to", "0.2", "--plot")
+    assert result.exit_code == 0
+    assert "voltage 0.3953186297" in result.output
+    assert (tmp_path / "fold.png").read_bytes().startswith(b"\x89PNG")
+    rows = np.genfromtxt(tmp_path / "fold.csv", delimiter=",", names=True, deletechars="")
+    assert rows.dtype.names == (
+        "gas.ambient_pressure",
+        "voltage",
+        "stretch_active",
+        "stretch_passive",
+        "pressure",
+    )
+    curve = fold(load_scenario(FIG3C), "gas.ambient_pressure", 0.2)
+    assert rows["voltage"].tolist() == curve.to_dataframe()["voltage"].tolist()
+    assert "9 not reached: loss of tension" in balloons("--vary", "gas.ambient_pressure", "--to", "9").output
+    wrong = balloons("--vary", "gas.weight", "--to", "1")
+    assert wrong.exit_code == 2

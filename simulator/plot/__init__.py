@@ -1,6 +1,6 @@
 """Pictures of histories and of equilibrium paths; functions take axes and return them."""
 
-from simulator.plot.curve import draw_curves_png, draw_path, plot_curves, plot_paths
+from simulator.plot.curve import draw_curves_png, draw_fold_png, draw_path, plot_curves, plot_fold, plot_paths
 from simulator.plot.history import (
     draw_png,
     plot_history,
@@ -15,9 +15,11 @@ __all__ = [
     "COLOURS",
     "MARKERS",
     "draw_curves_png",
+    "draw_fold_png",
     "draw_path",
     "draw_png",
     "plot_curves",
+    "plot_fold",
     "plot_history",
     "plot_loop",
     "plot_paths",

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from simulator.curve import Curve, FloatArray
+    from simulator.curve import Curve, FloatArray, FoldCurve
 
 STABLE: dict[str, Any] = {"linewidth": 1.8, "solid_capstyle": "round"}
 UNSTABLE: dict[str, Any] = {"linewidth": 1.0, "linestyle": (0, (4, 2))}
@@ -54,6 +54,36 @@ def plot_curves(curves: Sequence[Curve]) -> Figure:
 def draw_curves_png(curves: Sequence[Curve], dots_per_inch: float = 150.0) -> bytes:
     """The picture of `plot_curves` as the bytes of a PNG file."""
     return png(plot_curves(curves), dots_per_inch)
+
+
+def plot_fold(curve: FoldCurve) -> Figure:
+    """Draw a limit point's voltage (of an inflation: its pressure) over the number that changes."""
+    figure = Figure(figsize=(6.4, 4.6), layout="constrained")
+    ax = dress(figure.add_subplot())
+    inflation = not curve.voltage.any()
+    drive = curve.pressure if inflation else curve.voltage
+    ax.plot(curve.value, drive, color=COLOURS[0], **STABLE)
+    ax.plot(curve.value[-1:], drive[-1:], "o", color=COLOURS[0])
+    right = curve.value[-1] > curve.value[0]
+    ax.annotate(
+        curve.end.replace("_", " "),
+        (curve.value[-1], drive[-1]),
+        (-8 if right else 8, 10),
+        textcoords="offset points",
+        ha="right" if right else "left",
+    )
+    ax.margins(0.08, 0.14)
+    ax.set_xlabel(curve.parameter, parse_math=False)
+    ax.set_ylabel(
+        f"pressure of the limit point  {PRESSURE}" if inflation else f"voltage of the limit point  {VOLTAGE}"
+    )
+    ax.set_title(fill(curve.title, 60), parse_math=False, fontsize=12, fontweight="bold")
+    return figure
+
+
+def draw_fold_png(curve: FoldCurve, dots_per_inch: float = 150.0) -> bytes:
+    """The picture of `plot_fold` as the bytes of a PNG file."""
+    return png(plot_fold(curve), dots_per_inch)
 
 
 def plot_paths(curves: Sequence[Curve], ax: Axes) -> Axes:
