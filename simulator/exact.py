@@ -852,9 +852,9 @@ class ReferenceEvent:
 class Margin(NamedTuple):
     """How near a decision of the history was to falling the other way.
 
-    `what` is "turn" (a voltage beside the end of a segment, or of any if it was jumped to), "tension" (the lowest pressure of a flow that
-    came to rest), or "breakdown" (the same of 1 − E/E_b); `size` is in units of that quantity, `leg` counts
-    the turning points from 0, `events` is how many events there were before.
+    `what` is "turn" (a voltage beside the end of a segment, or of any if it was jumped to), "tension" (the
+    lowest pressure of a flow that came to rest), or "breakdown" (the same of 1 − E/E_b); `size` is in units
+    of that quantity, `leg` counts the turning points from 0, `events` is how many events there were before.
     """
 
     what: Literal["turn", "tension", "breakdown"]
