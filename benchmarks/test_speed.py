@@ -16,7 +16,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from simulator import path
 from simulator.simulation import simulate
+from simulator.trace import Until, _traced, sealed_state, trace
 from tests.pairs import pair
 
 AMBIENT, INFLATION, J, DELAY = 0.015, 1.2, 100.0, 1e-7
@@ -106,3 +108,32 @@ def test_memory_is_flat():
         if count % 1000 == 999:
             sizes.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
     assert np.ptp(sizes[1:]) < 4_000  # kB
+
+
+def pieces_of(scenario):
+    """What IDA is asked to integrate in a trace, to be asked again without anything around it."""
+    asked = []
+    integrate = path._integrate
+
+    def noted(*words):
+        asked.append(words)
+        return integrate(*words)
+
+    path._integrate = noted
+    try:
+        trace(scenario)
+    finally:
+        path._integrate = integrate
+    return asked
+
+
+@pytest.mark.benchmark(group="the whole path of 3c B")
+@pytest.mark.parametrize("what", ["trace", "IDA alone"])
+def test_trace(benchmark, what):
+    scenario = pair(INFLATION, UP, ambient=AMBIENT)
+    if what == "trace":
+        device, group, start = sealed_state(scenario)
+        benchmark(_traced, "3c B", device, group, start, Until())
+    else:
+        asked = [words for words in pieces_of(scenario) if words[0].has_pressure]
+        benchmark(lambda: [path._integrate(*words) for words in asked])

@@ -69,6 +69,8 @@ class Segment:
     ----------
     states, tangents : (n_unknowns, n) arrays
         In the order they were passed; tangents of unit length in scaled unknowns, pointing ahead.
+    dense, speeds : (n_unknowns, n − 1, k) arrays
+        States at the Gauss points between each two of them, and how fast they pass; see `between`.
     work : (n − 1,) array
         ∫ −∂Π/∂v dv over the interval between each two of them.
     end : str or None
@@ -77,6 +79,8 @@ class Segment:
 
     states: FloatArray
     tangents: FloatArray
+    dense: FloatArray
+    speeds: FloatArray
     work: FloatArray
     end: str | None
 
@@ -142,8 +146,8 @@ def _short(
         return None
     if any(float(c.margin(nodes[:, k].tolist())) < 1e3 * SHORT for c in conditions for k in (0, 1)):
         return None
-    power = 0.5 * np.sum(np.asarray(equations.drive_power(nodes)))
-    return Segment(nodes, tangents, np.array([power * (target - start[-1])]), None)
+    dense, speeds = straight(nodes)
+    return Segment(nodes, tangents, dense, speeds, work(equations, dense, speeds), None)
 
 
 def _integrate(
@@ -323,7 +327,7 @@ def _polished(
     _check_end(equations, conditions, nodes, tangents, end)
     dense, speeds = between(equations, nodes, tangents)
     _check_margins(equations, conditions, nodes, tangents, dense, end)
-    return Segment(nodes, tangents, work(equations, dense, speeds), end)
+    return Segment(nodes, tangents, dense, speeds, work(equations, dense, speeds), end)
 
 
 def between(equations: Equations, nodes: FloatArray, tangents: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -338,6 +342,13 @@ def between(equations: Equations, nodes: FloatArray, tangents: FloatArray) -> tu
     speeds = rates * np.sum(weights * (slopes * slopes - bends * (states - guesses)), axis=0)
     shape = (len(nodes), nodes.shape[1] - 1, -1)
     return states.reshape(shape), speeds.reshape(shape)
+
+
+def straight(nodes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """What `between` returns, on the straight lines between nodes that are very close to each other."""
+    chords = nodes[:, 1:] - nodes[:, :-1]
+    dense = nodes[:, :-1, None] + chords[:, :, None] * GAUSS_POINTS
+    return dense, np.repeat(chords[:, :, None], GAUSS_POINTS.size, axis=2)
 
 
 def work(equations: Equations, states: FloatArray, speeds: FloatArray) -> FloatArray:

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 STRETCH_MARGIN = 1e-6  # a stretch this close to its limit ends a path
-_STEP_OFF = 1e-3  # scaled arclength by which a path is taken up again beyond a limit point
+_STEP_OFF = 1e-6  # scaled arclength at which a path is taken up again beyond a limit point
 _FARTHEST = 1e6  # v over its scale that no path gets to
 _MOST_TURNS = 200
 _ENDLESS = 1e3  # stretch up to which rests of an elastomer without a limit are looked for
@@ -56,7 +56,8 @@ class _Piece:
     """A monotone piece of path with its number of unstable directions."""
 
     states: FloatArray
-    tangents: FloatArray
+    dense: FloatArray
+    speeds: FloatArray
     unstable: int
 
 
@@ -211,7 +212,7 @@ def _traced(title: str, device: Device, group: Group, start: FloatArray, until: 
         target = _target(equations.scales[-1], float(state[-1]), rising, until.v)
         turns = _turns(group, unstable)
         segment = path.follow(equations, (*turns, *ends), state, target, _RTOL, effort)
-        pieces.append(_Piece(segment.states, segment.tangents, unstable))
+        pieces.append(_Piece(segment.states, segment.dense, segment.speeds, unstable))
         state = segment.states[:, -1]
         kind = segment.end or ("reached" if target == until.v else "zero_voltage")
         if kind == "limit_point" and not equilibrium.is_fold(equations, state):
@@ -281,14 +282,14 @@ def _beyond(
     for length in (_STEP_OFF, 0.1 * _STEP_OFF, 0.01 * _STEP_OFF):
         guess = point + length * tangent
         try:
-            states, rates = equilibrium.on_planes(equations, guess[:, None], (weights * tangent)[:, None])
+            states, _ = equilibrium.on_planes(equations, guess[:, None], (weights * tangent)[:, None])
         except NotConverged:
             continue
         values = states[:, 0].tolist()
         count = int(np.count_nonzero(eigenvalues(equations, states[:, 0]) < 0.0))
         if count != unstable and all(condition.margin(values) > 0.0 for condition in ends):
-            ahead = equilibrium.unit(equations, rates)
-            return _Piece(np.column_stack([point, states]), np.column_stack([tangent, ahead]), count)
+            nodes = np.column_stack([point, states])
+            return _Piece(nodes, *path.straight(nodes), count)
     raise PathError(f"the path cannot be taken up again beyond v = {point[-1]:.12g}")
 
 
@@ -304,15 +305,14 @@ def _curve(
     columns, arcs = [pieces[0].states[:, :1]], [np.zeros(1)]
     counts, ends = [np.array([pieces[0].unstable])], []
     for piece in pieces:
-        dense, speeds = path.between(group.equations, piece.states, piece.tangents)
-        speed = np.sqrt(np.einsum("ijk,i->jk", speeds**2, 1.0 / group.equations.scales**2))
+        speed = np.sqrt(np.einsum("ijk,i->jk", piece.speeds**2, 1.0 / group.equations.scales**2))
         # Arclength up to the Gauss points of each interval and to its end.
         steps = np.concatenate(
             [speed @ path.GAUSS_INTEGRALS.T, (speed @ path.GAUSS_WEIGHTS)[:, None]], axis=1
         )
         steps[1:] += np.cumsum(steps[:-1, -1])[:, None]
         arcs.append(arcs[-1][-1] + steps.ravel())
-        states = np.concatenate([dense, piece.states[:, 1:, None]], axis=2)
+        states = np.concatenate([piece.dense, piece.states[:, 1:, None]], axis=2)
         columns.append(states.reshape(len(states), -1))
         counts.append(np.full(steps.size, piece.unstable))
         ends.append(arcs[-1][-1])
