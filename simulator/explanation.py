@@ -49,7 +49,7 @@ def _lines(scenario: Scenario) -> Iterator[str]:
     yield ""
     yield "Steps"
     voltage: Sequence[float] = [0.0] * len(device.electroded)
-    pressure = 0.0
+    pressure, was_open = 0.0, False
     seen: set[str] = set()
     steps = list(scenario.played_steps())
     for number, step in enumerate(steps, start=1):
@@ -66,12 +66,18 @@ def _lines(scenario: Scenario) -> Iterator[str]:
             groups = assembly.actuated(device, line, amount=1.0)
         moves = isinstance(step, Jump) or bool((waveform.values != waveform.values[0]).any())
         yield from _step(number, step, waveform.fractions.size - 1, groups if moves else [], device)
+        first = line.at(float(waveform.values[0])).tolist()
+        if not isinstance(step, Inflate | Hold | Jump) and first != voltage:
+            yield f"     begins by a jump of the voltage to {waveform.values[0]:g}, as a jump step does"
+        if opens and not was_open and not isinstance(step, Inflate) and number > 1:
+            yield "     opens the valve: a balloon that only the shared gas held would leave, by a jump"
+        was_open = opens
         for group in groups if moves else []:
             seen |= {condition.kind for condition in group.conditions}
         if isinstance(step, Inflate):
             pressure = step.inflate
-        else:
-            voltage = line.at(float(waveform.values[-1])).tolist() if moves else voltage
+        elif not isinstance(step, Hold):
+            voltage = line.at(float(waveform.values[-1])).tolist()
     yield ""
     yield "Left out"
     yield from (f"  {reason}" for reason in _left_out(scenario, steps, seen))

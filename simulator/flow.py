@@ -197,9 +197,14 @@ def _flow(
             if ended > len(conditions):
                 return Rest(state, "runaway"), closest
         landing = _landing(equations, conditions, state)
+        if landing is None:
+            landing = _at_fold(equations, state)
         if landing is not None:
             return Rest(landing, None), closest
         near *= 0.1
+    broken = _broken_at_rest(equations, conditions, state)
+    if broken is not None:
+        return Rest(_at_margin(equations, broken, state), broken.kind), closest
     raise FlowError("the flow slows down where there is no rest")
 
 
@@ -306,6 +311,46 @@ def _consistent(equations: Equations, start: FloatArray) -> tuple[FloatArray, Fl
     if equations.has_pressure:
         rates.append(-sum(rows[count][i] * rates[i] for i in range(count)) / rows[count][count])
     return np.array(values[:-1]), np.array(rates)
+
+
+def _at_fold(equations: Equations, state: FloatArray) -> FloatArray | None:
+    """The limit point that a state creeps up to where v is just its voltage, or a little short of it."""
+    try:
+        fold = equilibrium.at_event(equations, stability(equations), state)
+    except NotConverged:
+        return None
+    if np.max(np.abs(fold - state) / equations.scales) > 2.0 * _NEAR:
+        return None
+    v = float(state[-1])
+    if abs(fold[-1] - v) <= 16.0 * np.finfo(float).eps * max(abs(v), float(equations.scales[-1])):
+        fold[-1] = v
+        return fold
+    # Beside a fold the distance to it goes as the root of the distance in v: tried closer and closer.
+    stable = stability(equations).margin
+    for share in 10.0 ** np.arange(0.0, -8.0, -0.5):
+        guess = fold + share * (state - fold)
+        guess[-1] = v
+        try:
+            landing = equilibrium.one_at_drive(equations, guess)
+        except NotConverged:
+            continue
+        if (
+            np.max(np.abs(landing - state) / equations.scales) < 2.0 * _NEAR
+            and stable(landing.tolist()) > 0.0
+        ):
+            return landing
+    return None
+
+
+def _broken_at_rest(
+    equations: Equations, conditions: Sequence[Condition], state: FloatArray
+) -> Condition | None:
+    """The condition that a state creeping to its rest will break only there, at the last digit."""
+    try:
+        rest = equilibrium.one_at_drive(equations, state).tolist()
+    except NotConverged:
+        return None
+    return next((condition for condition in conditions if condition.margin(rest) <= 0.0), None)
 
 
 def _landing(equations: Equations, conditions: Sequence[Condition], state: FloatArray) -> FloatArray | None:

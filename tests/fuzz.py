@@ -139,7 +139,11 @@ def scenario(dice: Dice) -> dict[str, Any]:
 
 
 def _turn_near_events(written: dict[str, Any], dice: Dice) -> None:
-    """Turn some ramps round, and end some jumps, a hair beside a limit point or where p = 0."""
+    """Turn some ramps round, and end some jumps, a hair beside a limit point or where p = 0.
+
+    A jump that just fails to land on a limit point creeps past it, at speeds that are the rounding of forces
+    below 1e-12; so jumps keep 1e-9 away, ramps 1e-14.
+    """
     pair = SealedPair.from_scenario(load_scenario(written))
     if not pair.sealed.pressure > 0.0:
         return
@@ -147,11 +151,9 @@ def _turn_near_events(written: dict[str, Any], dice: Dice) -> None:
     points = [*curve.limit_points, *([curve.loss_of_tension] if curve.loss_of_tension else [])]
     for step in written["step"]:
         if "inflate" not in step and points and dice.whole(0, 1):
-            voltage = points[dice.whole(0, len(points) - 1)].voltage
-            offset = 10.0 ** dice.number(-14.0, -3.0)
-            step["jump" if "jump" in step else "ramp"] = float(
-                voltage + (offset if dice.whole(0, 1) else -offset)
-            )
+            kind, nearest = ("jump", -9.0) if "jump" in step else ("ramp", -14.0)
+            offset = 10.0 ** dice.number(nearest, -3.0) * (1 if dice.whole(0, 1) else -1)
+            step[kind] = float(points[dice.whole(0, len(points) - 1)].voltage + offset)
 
 
 @st.composite
@@ -210,19 +212,20 @@ def examine(written: dict[str, Any]) -> Verdict:
     order = [asked.balloons.index(b) for b in sorted(asked.balloons, key=lambda b: not b.electrodes)]
     inflations = _compare_inflation(verdict, written, history, pair, order)
     verdict.samples = len(history)
-    candidates = [reference, *_other_turns(pair, turns, reference)]
+    # Each with the legs that were moved a little.
+    candidates = [(reference, frozenset[int]()), *_other_turns(pair, turns, reference)]
     verdict.undecided = len(candidates) > 1 or bool(_doubtful_flows(reference))
     compared = []
-    for candidate in candidates[1:] or candidates:
+    for candidate, moved in candidates[1:] or candidates:
         compared.append(deepcopy(verdict))
-        _compare_voltages(compared[-1], history, candidate, pair, order, inflations)
+        _compare_voltages(compared[-1], history, candidate, moved, pair, order, inflations)
         _compare_samples(compared[-1], history, candidate, pair, order, inflations)
     return min(compared, key=lambda found: len(found.problems))
 
 
 def _other_turns(
     pair: SealedPair, turns: list[float | Jump], reference: ReferenceHistory
-) -> Iterator[ReferenceHistory]:
+) -> Iterator[tuple[ReferenceHistory, frozenset[int]]]:
     """Where ramps turn round at the voltage of an event: references of turns a little before and beyond."""
     legs = sorted({m.leg for m in reference.margins if m.what == "turn" and m.size < UNDECIDED["turn"]})
     for offsets in product((-BESIDE, BESIDE), repeat=len(legs)) if legs else ():
@@ -230,7 +233,7 @@ def _other_turns(
         for leg, offset in zip(legs, offsets, strict=True):
             turn = moved[leg]
             moved[leg] = Jump(turn.voltage + offset) if isinstance(turn, Jump) else turn + offset
-        yield reference_history(pair, moved)
+        yield reference_history(pair, moved), frozenset(legs)
 
 
 def _doubtful_flows(reference: ReferenceHistory) -> list[int]:
@@ -287,6 +290,7 @@ def _compare_voltages(
     verdict: Verdict,
     history: History,
     reference: ReferenceHistory,
+    moved: frozenset[int],
     pair: SealedPair,
     order: list[int],
     inflations: int,
@@ -310,9 +314,12 @@ def _compare_voltages(
         where = f"event {number}, {exact.kind} at {exact.voltage!r}"
         verdict.check("event_voltage", abs(event.voltage[0] - exact.voltage), EVENT_VOLTAGE, where)
         lost = _ends_in_flow(expected, number - 1)
+        # Where it jumps from is a sample too, and compared as such.
+        elsewhere = exact.kind == "jump" and exact.leg - 1 in moved
         before = [*event.stretch_before[order], event.pressure_before]
         name, allowed = ("lost_state", LOST_STATE) if lost else ("state_before", STATE)
-        verdict.check(name, np.max(np.abs(np.subtract(before, exact.before))), allowed, where)
+        if not elsewhere:
+            verdict.check(name, np.max(np.abs(np.subtract(before, exact.before))), allowed, where)
         if (event.stretch_after is None) != (exact.after is None):
             verdict.problems.append(f"event {number}: after {event.stretch_after}, expected {exact.after}")
         elif exact.after is not None and event.stretch_after is not None:
@@ -320,7 +327,7 @@ def _compare_voltages(
             name, allowed = ("lost_state", LOST_STATE) if lost else ("state_after", STATE)
             after = [*event.stretch_after[order], event.pressure_after]
             verdict.check(name, np.max(np.abs(np.subtract(after, exact.after))), allowed, where)
-            if not lost:
+            if not lost and not elsewhere:
                 assert event.dissipated is not None
                 assert exact.dissipated is not None
                 size = abs(event.dissipated - exact.dissipated) / max(1.0, abs(exact.dissipated))
