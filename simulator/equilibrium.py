@@ -175,7 +175,7 @@ def at_event(equations: Equations, condition: Condition, guess: FloatArray) -> F
     NotConverged
         If the residual or the margin does not vanish.
     """
-    state = guess.copy()
+    state = _evened(equations, guess)
     before = np.nan  # unknown: no first step is believed
     for _ in range(2 * _ITERATIONS):
         values = state.tolist()
@@ -194,7 +194,9 @@ def at_event(equations: Equations, condition: Condition, guess: FloatArray) -> F
         size = float(np.max(np.abs(step)))
         settled = size <= 4e-15 or size**3 <= 1e-15 * before**2
         if settled or (not size < 0.5 * before and _is_noise(defect.tolist(), [*rows, slope], values)):
-            return _symmetric(equations, np.asarray(state))
+            even = _symmetric(equations, np.asarray(state))
+            # Told apart by rounding only, equal balloons split a multiple eigenvalue: again, from the middle.
+            return even if np.abs(even - state).max() <= 1e-12 else at_event(equations, condition, even)
         before = size
     raise NotConverged(f"state at a {condition.kind}")
 
@@ -204,15 +206,20 @@ def _symmetric(equations: Equations, state: FloatArray) -> FloatArray:
 
     At the branch point where equal balloons part, rounding is all that tells them apart, and much enlarged.
     """
-    if not isinstance(equations, SealedBalloons):
-        return state
-    even = state.copy()
-    for membrane in set(equations.membranes):
-        same = [i for i, other in enumerate(equations.membranes) if other == membrane]
-        if np.ptp(state[same]) < 1e-6:
-            even[same] = state[same].mean()
+    even = _evened(equations, state)
     residual, rows = equations.linearised(even.tolist())
     return even if _is_noise(residual, rows, even.tolist()) else state
+
+
+def _evened(equations: Equations, state: FloatArray) -> FloatArray:
+    """A state with the stretches of equal balloons averaged where they are close."""
+    even = state.copy()
+    if isinstance(equations, SealedBalloons):
+        for membrane in set(equations.membranes):
+            same = [i for i, other in enumerate(equations.membranes) if other == membrane]
+            if np.ptp(state[same]) < 1e-6:
+                even[same] = state[same].mean()
+    return even
 
 
 def is_fold(equations: Equations, state: FloatArray) -> bool:

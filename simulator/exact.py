@@ -50,7 +50,7 @@ _ANGLE = 0.15  # sharpest turn between two nodes
 _MOST_NODES = 50_000
 _UNBOUNDED = 1e4  # an active balloon that never stiffens is followed to this stretch
 _LOOSE = 1e-7  # for the place of a minimum: its value is then good to 1e-14 of the curvature
-_SLOW = 1e-6  # a speed of the flow below which it is followed in time
+_SLOW = 1e-3  # a speed of the flow below which it is followed in time
 _MOST_CALLS = 300_000  # of the flow's right-hand side
 _STEP = 1e-40  # of complex-step derivatives
 
@@ -1108,7 +1108,7 @@ def overdamped_flow(
     """The flow dλᵢ/dt = −gᵢ at a frozen voltage, the gas law holding throughout, to the end.
 
     Only the way matters, so it is integrated over its length, which passes the slow start off a limit point
-    in a few steps; and where it hardly moves, g ≪ 1e-6, over the time times 1e-6: there rounding blurs the
+    in a few steps; and where it hardly moves, g ≪ 1e-3, over the time times 1e-3: there rounding blurs the
     direction of g, not where it leads.
 
     Parameters

@@ -556,3 +556,19 @@ def test_a_failed_step_keeps_what_it_reached(monkeypatch):
     assert history.outcome is Outcome.FAILED
     assert history.voltage[-1, 0] == pytest.approx(0.36, abs=0.004)
     assert history.step[-1] == 2
+
+
+@pytest.mark.parametrize(
+    ("count", "ambient"), [(2, 1.0), (3, 1.0), (3, 0.2), (3, 0.015), (4, 1.0), (12, 1.0)]
+)
+def test_equal_actuators_part_one_against_all_others(count, ambient):
+    """However many directions turn unstable at once, the branch is one balloon against the equal rest."""
+    everyone = tuple(range(count))
+    history = run(several(count, everyone, [{"inflate": 1.2}, {"ramp": 0.5}], ambient=ambient))
+    first = history.events[0]
+    assert first.kind is EventKind.BRANCH_POINT
+    assert np.ptp(first.stretch_before) < 1e-12
+    after = history.stretch[history.branch == 1]
+    assert np.all(after[1:, 0] > after[1:, 1])
+    assert np.ptp(after[:, 1:], axis=1).max() < 1e-9
+    assert history.energy_balance.relative_imbalance < 1e-8
