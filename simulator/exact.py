@@ -21,9 +21,10 @@ explicit in such a point, and its slope along the curve is, up to a positive fac
 Hessian H of Π: limit points are its roots. Once all of them are known, φ² is monotone between each two, so
 every equilibrium at a given voltage is bracketed.
 
-Accuracy, against 40-digit arithmetic over the range of `tests/fuzz.py`: states, voltages and limit points are
-good to a few 1e-15 divided by their own condition (how far rounding in the radius ratio or the gas moves
-them); see `tests/test_exact.py`.
+Accuracy, measured against 40-digit arithmetic over the range of `tests/fuzz.py` (`tests/test_exact.py`):
+limit points are good to 3e-15 in the states and 1e-14 in the voltage (1e-13 next to a stretch limit, where
+1/D amplifies rounding); other states to 1e-14, and next to a limit point to that over the slope dφ/dλ. Where
+a snap loses its tension is good to about 1e-9.
 """
 
 from __future__ import annotations
@@ -435,7 +436,8 @@ def equilibrium_curve(pair: SealedPair) -> Curve:
     ValueError
         If there is no gas.
     ArithmeticError
-        If the curve could not be resolved; never seen.
+        If the curve could not be resolved. Seen only where p < 1e-5 and the passive balloon is a thousand
+        times larger, so that its stretch hardly differs from 1 and hardly changes.
     """
     if not pair.amount > 0.0:
         raise ValueError("a pair without gas has no equilibrium curve")
@@ -445,6 +447,8 @@ def equilibrium_curve(pair: SealedPair) -> Curve:
         found, folds = _segments(pair, first, last, _resolved(pair, nodes))
         segments += found
         limit_points += folds
+    if not segments and pair.sealed.pressure > 0.0:
+        raise ArithmeticError("the whole curve is within the rounding of the passive balloon's stretch")
     lost = next((_end_point(s) for s in segments if "loss_of_tension" in (s.first, s.last)), None)
     return Curve(pair, tuple(segments), tuple(limit_points), lost)
 
@@ -684,10 +688,12 @@ def _pieces(pair: SealedPair) -> list[tuple[End | None, End | None, FloatArray]]
         middle = 0.5 * (z0 + z1)
         if not (smallest(middle) <= 0.0 <= largest(middle)) or z0 == z1:
             continue
+        if x1 == 0.0 or (x0 == 0.0 and pair.ambient == 0.0):
+            continue  # where rounding has it that λ₁ goes to 0, or p with no gas around
         names: list[End | None] = []
         points = []
         for z, x in ((z1, x1), (z0, x0)):
-            if x == 0.0:  # p = 0 at λ₂ = 1; the other end of the range has λ₁ = 0 and is never reached
+            if x == 0.0:  # p = 0 at λ₂ = 1
                 x = (
                     (gas / pair.ambient * 3.0 * pair.volume(*pair.sealed[:2]) - passive.cube) / active.cube
                 ) ** (1 / 3)
@@ -857,12 +863,14 @@ class Margin(NamedTuple):
     `what` is "turn" (a voltage beside the end of a segment, or of any if it was jumped to), "tension" (the
     lowest pressure of a flow that came to rest), or "breakdown" (the same of 1 − E/E_b); `size` is in units
     of that quantity, `leg` counts the turning points from 0, `events` is how many events there were before.
+    `voltage` is that of the decision, without its sign.
     """
 
     what: Literal["turn", "tension", "breakdown"]
     size: float
     leg: int
     events: int
+    voltage: float
 
 
 @dataclass(frozen=True)
@@ -975,12 +983,12 @@ class _Walk:
                 self._stop("breakdown", leg, sign * breaks, self._at(segment, breaks))
                 return
             if kind not in ("unloaded", "stretch_limit"):
-                self.margins.append(Margin("turn", abs(goal - end), leg, len(self.events)))
+                self.margins.append(Margin("turn", abs(goal - end), leg, len(self.events), end))
+            point = segment.end(-1 if rising else 0)
             if (goal <= end) if rising else (goal >= end):
                 self.voltage = sign * goal
-                self.state = self._at(segment, goal)
+                self.state = point if goal == end else self._at(segment, goal)
                 return
-            point = segment.end(-1 if rising else 0)
             if kind == "loss_of_tension":
                 self._stop("loss_of_tension", leg, sign * end, point)
             elif kind == "cut":
@@ -997,7 +1005,11 @@ class _Walk:
             *([self.curve.loss_of_tension] if self.curve.loss_of_tension else []),
         ]
         for point in special:
-            self.margins.append(Margin("turn", abs(abs(target) - point.voltage), leg, len(self.events)))
+            size = abs(abs(target) - point.voltage)
+            self.margins.append(Margin("turn", size, leg, len(self.events), point.voltage))
+        if self.state.pressure <= 0.0 and abs(target) > abs(self.voltage):
+            self._stop("loss_of_tension", leg, self.voltage, self.state)  # as at the first rise from p = 0
+            return
         before, self.voltage = self.state, target
         self._flow("jump", leg, before, np.array(before[:2]), ())
 
@@ -1074,9 +1086,10 @@ class _Walk:
         )
         self.events.append(ReferenceEvent(kind, leg, self.voltage, before, flow.state, lost))
         if flow.end is None:
-            self.margins.append(Margin("tension", flow.lowest_pressure, leg, len(self.events) - 1))
+            here = (leg, len(self.events) - 1, abs(self.voltage))
+            self.margins.append(Margin("tension", flow.lowest_pressure, *here))
             if self.pair.active.breakdown is not None:
-                self.margins.append(Margin("breakdown", flow.lowest_strength, leg, len(self.events) - 1))
+                self.margins.append(Margin("breakdown", flow.lowest_strength, *here))
             self.state = flow.state
             self.segments.append(segments[flow.state])
         else:

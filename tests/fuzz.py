@@ -18,10 +18,11 @@ disagree as a JSON file; what is under its "scenario" goes into `load_scenario`.
   that hardly moves exchanges less than that); what each event dissipated within 1e-8.
 
 A scenario can be undecidable: a ramp turns round at the very voltage of an event, or a snap only just keeps
-its tension. `Margin` in `simulator.exact` says how near each such decision was; below `UNDECIDED` (a few
-roundings of the voltage; the error of a flow) the two may go different ways and both be right. Where it is
-a turn, the simulator must agree in everything with the reference of a turn a little before the event, or a
-little beyond it. Where it is a flow, it is compared up to there. Such scenarios are counted as undecided.
+its tension. `Margin` in `simulator.exact` says how near each such decision was; below `UNDECIDED` (1e-11 of
+the film's voltage, as margins of events are solved to 1e-12; the error of a flow) the two may go different
+ways and both be right. Where it is a turn, the simulator must agree in everything with the reference of a
+turn just before the event, or at it, or just beyond it. Where it is a flow, it is compared up to there. Such
+scenarios are counted as undecided.
 
 Pressures are 0 or at least `LEAST_PRESSURE`. At a lower one the stretch is 1 + p/12 and has few digits left:
 what happens then is a matter of rounding (an inflation to 1e-16 cannot be told from none).
@@ -64,9 +65,9 @@ STATE = 1e-8
 LOST_STATE = 1e-6
 ENERGY = 1e-8
 SAME_VOLTAGE = 1e-13
-BESIDE = 1e-11
+BESIDE = 1e-10
 LEAST_PRESSURE = 1e-4
-UNDECIDED = {"turn": 1e-12, "tension": 1e-8, "breakdown": 1e-8}
+UNDECIDED = {"turn": 1e-11, "tension": 1e-8, "breakdown": 1e-8}
 
 
 # -- scenarios -----------------------------------------------------------------------------------------
@@ -226,14 +227,28 @@ def examine(written: dict[str, Any]) -> Verdict:
 def _other_turns(
     pair: SealedPair, turns: list[float | Jump], reference: ReferenceHistory
 ) -> Iterator[tuple[ReferenceHistory, frozenset[int]]]:
-    """Where ramps turn round at the voltage of an event: references of turns a little before and beyond."""
-    legs = sorted({m.leg for m in reference.margins if m.what == "turn" and m.size < UNDECIDED["turn"]})
-    for offsets in product((-BESIDE, BESIDE), repeat=len(legs)) if legs else ():
+    """Where ramps turn round at the voltage of an event: references just before, at and beyond it."""
+    unit = _voltage_unit(pair)
+    near = UNDECIDED["turn"] * unit
+    events = {m.leg: m.voltage for m in reference.margins if m.what == "turn" and m.size < near}
+    for offsets in product((-BESIDE * unit, 0.0, BESIDE * unit), repeat=len(events)) if events else ():
         moved = list(turns)
-        for leg, offset in zip(legs, offsets, strict=True):
+        for (leg, voltage), offset in zip(events.items(), offsets, strict=True):
             turn = moved[leg]
-            moved[leg] = Jump(turn.voltage + offset) if isinstance(turn, Jump) else turn + offset
-        yield reference_history(pair, moved), frozenset(legs)
+            if isinstance(turn, Jump):
+                moved[leg] = Jump(float(np.copysign(voltage + offset, turn.voltage)))
+            else:
+                moved[leg] = float(np.copysign(voltage + offset, turn))
+        try:
+            yield reference_history(pair, moved), frozenset(events)
+        except ArithmeticError:  # a jump to the very voltage of a limit point has no end
+            continue
+
+
+def _voltage_unit(pair: SealedPair) -> float:
+    """The voltage h√(k/e) of the active balloon's film, in which its voltages are of order 1; at least 1."""
+    active = pair.active
+    return max(1.0, active.thickness * float(np.sqrt(active.modulus / active.permittivity)))
 
 
 def _doubtful_flows(reference: ReferenceHistory) -> list[int]:
@@ -371,7 +386,8 @@ def _compare_samples(
         voltages = np.abs(history.voltage[rows, 0])
         low, high = segment.voltages
         outside = np.max(np.maximum(low - voltages, voltages - high))
-        verdict.check("sample_voltage", max(outside, 0.0), UNDECIDED["turn"], f"branch {inflations + place}")
+        near = UNDECIDED["turn"] * _voltage_unit(pair)
+        verdict.check("sample_voltage", max(outside, 0.0), near, f"branch {inflations + place}")
         exact = states_on(pair, segment, voltages)
         apart = np.abs(states[rows].T - exact)
         errors = np.max(apart, axis=0)
