@@ -1,0 +1,55 @@
+"""What the user wrote: a scenario file, validated and frozen. No physics happens here.
+
+`load_scenario` is the only door. It reads the grammar of `docs/scenario-format.md` and either returns a
+`Scenario` or raises one `ScenarioError` that lists every problem in the words of the file. Each field says
+in its `description` what it allows; the messages are made from these, so the two cannot drift apart.
+"""
+
+from simulator.scenario.checks import MAX_SAMPLES
+from simulator.scenario.device import Balloon, Breakdown, Elastomer, Gas, Gent, NeoHookean
+from simulator.scenario.document import Output, Scenario, Solver, load_scenario
+from simulator.scenario.errors import Problem, ScenarioError
+from simulator.scenario.steps import (
+    Cycle,
+    Hold,
+    Inflate,
+    Jump,
+    PlayedStep,
+    Ramp,
+    Sine,
+    SineWave,
+    Step,
+    Table,
+    Triangle,
+    TriangleWave,
+    duration,
+)
+
+__all__ = [
+    "MAX_SAMPLES",
+    "Balloon",
+    "Breakdown",
+    "Cycle",
+    "Elastomer",
+    "Gas",
+    "Gent",
+    "Hold",
+    "Inflate",
+    "Jump",
+    "NeoHookean",
+    "Output",
+    "PlayedStep",
+    "Problem",
+    "Ramp",
+    "Scenario",
+    "ScenarioError",
+    "Sine",
+    "SineWave",
+    "Solver",
+    "Step",
+    "Table",
+    "Triangle",
+    "TriangleWave",
+    "duration",
+    "load_scenario",
+]

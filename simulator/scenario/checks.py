@@ -1,0 +1,62 @@
+"""What no single field can see: names that must agree, and how much is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING
+
+from pydantic import BaseModel
+
+from simulator.scenario.errors import Problem
+from simulator.scenario.steps import Cycle, Hold, Inflate, Jump, Step, duration, numbered
+
+if TYPE_CHECKING:
+    from simulator.scenario.document import Output, Scenario
+
+MAX_SAMPLES = 10_000_000
+
+
+def disagreements(scenario: Scenario) -> Iterator[Problem]:
+    """What no single field can see."""
+    names = [balloon.name for balloon in scenario.balloons]
+    electroded = scenario.electroded
+    for index, balloon in enumerate(scenario.balloons):
+        if (first := names.index(balloon.name)) < index:
+            allowed = f"must be unique, balloon {first + 1} has this name too"
+            yield Problem(f"balloon.{index + 1}.name", balloon.name, allowed)
+        if balloon.breakdown and not balloon.electrodes:
+            key = f"balloon.{balloon.name}.breakdown"
+            yield Problem(key, balloon.breakdown.model_dump(), "needs electrodes = true on this balloon")
+    for key, step in numbered(scenario.steps, "step"):
+        if isinstance(step, Inflate | Hold | Cycle):
+            continue
+        kind = next(iter(type(step).model_fields))
+        voltage = getattr(step, kind)
+        if not electroded:
+            value = voltage.model_dump() if isinstance(voltage, BaseModel) else voltage
+            yield Problem(f"{key}.{kind}", value, "needs a balloon with electrodes = true, there is none")
+        elif isinstance(voltage, dict):
+            for name in (name for name in voltage if name not in electroded):
+                lack = "has no electrodes" if name in names else "no such balloon"
+                allowed = f"{lack}, must be one of {', '.join(electroded)}"
+                yield Problem(f"{key}.{kind}.{name}", voltage[name], allowed)
+    output = scenario.output
+    if output.every is not None and "points" in output.model_fields_set:
+        yield Problem("output", output.model_dump(), "must have points or every, not both")
+    elif _samples(scenario.steps, output) > MAX_SAMPLES:
+        key, value = ("points", output.points) if output.every is None else ("every", output.every)
+        allowed = f"must ask for at most {MAX_SAMPLES:,} samples over the whole scenario"
+        yield Problem(f"output.{key}", value, allowed)
+
+
+def _samples(steps: Iterable[Step], output: Output) -> float:
+    total = 0.0
+    for step in steps:
+        if isinstance(step, Cycle):
+            # More repetitions than samples allowed are too many already, and may not fit a float.
+            total += min(step.cycle, MAX_SAMPLES + 1) * _samples(step.steps, output)
+        elif isinstance(step, Jump):
+            total += 2
+        else:
+            total += output.points if output.every is None else duration(step) / output.every + 1
+    return total

@@ -1,0 +1,69 @@
+"""The device: its gas and its balloons."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, ValidationInfo
+
+from simulator.scenario.fields import Chosen, Frozen, NonNegative, Positive, refused
+
+
+class Gas(Frozen):
+    """The gas the balloons share; `ambient_pressure` in units of μH/R."""
+
+    ambient_pressure: NonNegative
+
+
+class Gent(Frozen):
+    """Gent elastomer with the stretch limit `J_lim`."""
+
+    model: Literal["gent"]
+    J_lim: Positive
+
+
+class NeoHookean(Frozen):
+    """Neo-Hookean elastomer."""
+
+    model: Literal["neo-hookean"]
+
+
+def _elastomer(value: Any, _: ValidationInfo) -> Gent | NeoHookean:
+    match value:
+        case {"model": "gent"}:
+            return Gent.model_validate(value)
+        case {"model": "neo-hookean"}:
+            return NeoHookean.model_validate(value)
+        case {"model": model}:
+            raise refused('must be "gent" or "neo-hookean"', model, "model")
+    raise refused('must be a table such as { model = "gent", J_lim = 100 }', value)
+
+
+Elastomer = Annotated[Gent | NeoHookean, Chosen(_elastomer), Field(description="a table with the model")]
+
+
+class Breakdown(Frozen):
+    """Dielectric breakdown at the true field `field`, in units of √(μ/ε)."""
+
+    field: Positive
+
+
+class Balloon(Frozen):
+    """One balloon; its numbers are ratios to the reference balloon."""
+
+    name: Annotated[
+        str,
+        # Names end up in column titles and dotted keys.
+        Field(
+            strict=True,
+            pattern=r"^[^\W\d]\w*$",
+            description="a name of letters, digits and _, no digit first",
+        ),
+    ]
+    radius: Positive = 1.0
+    thickness: Positive = 1.0
+    modulus: Positive = 1.0
+    permittivity: Positive = 1.0
+    electrodes: Annotated[bool, Field(strict=True, description="true or false")] = False
+    breakdown: Annotated[Breakdown | None, Field(description="a table such as { field = 12 }")] = None
+    elastomer: Elastomer

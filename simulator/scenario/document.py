@@ -1,0 +1,135 @@
+"""A whole scenario, and the only door to it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, Field, PrivateAttr, ValidationError
+
+from simulator.scenario.checks import disagreements
+from simulator.scenario.device import Balloon, Gas
+from simulator.scenario.errors import Problem, ScenarioError
+from simulator.scenario.fields import Float, Frozen, Int, Positive, Text, not_empty
+from simulator.scenario.reading import read_toml
+from simulator.scenario.steps import PlayedStep, Step, unrolled
+
+
+class Output(Frozen):
+    """Samples wanted: `points` for each step, or one `every` so much time."""
+
+    points: Annotated[Int, Field(ge=2, description="a whole number >= 2")] = 101
+    every: Annotated[Positive | None, Field(description="a number > 0")] = None
+
+
+class Solver(Frozen):
+    """Settings of the integrator."""
+
+    rtol: Annotated[Float, Field(ge=1e-12, le=1e-1, description="a number from 1e-12 to 0.1")] = 1e-4
+
+
+class Scenario(Frozen):
+    """A whole scenario, as returned by `load_scenario`.
+
+    Two scenarios are equal when they ask for the same run, whatever `file` they came from.
+    """
+
+    title: Text
+    source: Annotated[Text | None, Field(description="a non-empty text")] = None
+    gas: Annotated[Gas, Field(description="a table with ambient_pressure")]
+    balloons: Annotated[tuple[Balloon, ...], AfterValidator(not_empty)] = Field(
+        alias="balloon", description="one or more [[balloon]] tables"
+    )
+    steps: Annotated[tuple[Step, ...], AfterValidator(not_empty)] = Field(
+        alias="step", description="one or more [[step]] tables"
+    )
+    output: Annotated[Output, Field(description="a table with points or every")] = Output()
+    solver: Annotated[Solver, Field(description="a table with rtol")] = Solver()
+    _file: str = PrivateAttr(default="<dict>")
+
+    def model_post_init(self, context: Any, /) -> None:
+        """Remember where the scenario came from."""
+        self._file = (context or {}).get("file", "<dict>")
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Scenario) and dict(self) == dict(other)
+
+    @property
+    def file(self) -> str:
+        """Where the scenario came from, for messages; "<dict>" for a dict."""
+        return self._file
+
+    @property
+    def electroded(self) -> tuple[str, ...]:
+        """Names of the balloons with electrodes, in the order of the file."""
+        return tuple(balloon.name for balloon in self.balloons if balloon.electrodes)
+
+    def played_steps(self) -> Iterator[PlayedStep]:
+        """Steps in the order they are played, cycles unrolled, one at a time."""
+        return unrolled(self.steps)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The scenario in the grammar of the file, defaults left out; tables by their absolute path.
+
+        `load_scenario(scenario.to_dict()) == scenario`.
+        """
+        return self.model_dump(mode="json", by_alias=True, exclude_unset=True)
+
+
+def load_scenario(source: str | os.PathLike[str] | Mapping[str, Any]) -> Scenario:
+    """Read and check a scenario.
+
+    Parameters
+    ----------
+    source : path or mapping
+        A TOML file, or its content as a mapping. Paths of tables are relative to the folder of the
+        file, for a mapping to the current directory.
+
+    Raises
+    ------
+    ScenarioError
+        With every problem found: file, key, value and what is allowed.
+
+    Examples
+    --------
+    >>> scenario = load_scenario({
+    ...     "title": "One balloon",
+    ...     "gas": {"ambient_pressure": 1},
+    ...     "balloon": [{"name": "a", "elastomer": {"model": "neo-hookean"}}],
+    ...     "step": [{"inflate": 0.5}],
+    ... })
+    >>> scenario.balloons[0].radius
+    1.0
+    """
+    data: Mapping[str, Any]
+    if isinstance(source, Mapping):
+        file, folder, data = "<dict>", "", source
+    else:
+        file = os.fspath(source)
+        folder = os.path.dirname(file)
+        try:
+            data = read_toml(file)
+        except ValueError as error:
+            raise ScenarioError(file, Problem("", None, str(error))) from None
+    try:
+        scenario = Scenario.model_validate(data, context={"file": file, "folder": folder})
+    except ValidationError as error:
+        problems = [Problem(_dotted(e["loc"], data), e["input"], e["msg"]) for e in error.errors()]
+    except RecursionError:
+        problems = [Problem("step", None, "is nested too deeply")]
+    else:
+        problems = [*disagreements(scenario)]
+        if not problems:
+            return scenario
+    raise ScenarioError(file, *problems)
+
+
+def _dotted(loc: tuple[int | str, ...], data: Mapping[str, Any]) -> str:
+    parts = [str(part + 1) if isinstance(part, int) else part for part in loc]
+    if len(loc) > 2 and loc[0] == "balloon" and isinstance(data["balloon"], list | tuple):
+        names = [balloon.get("name") if isinstance(balloon, Mapping) else None for balloon in data["balloon"]]
+        name = names[int(loc[1])]
+        if isinstance(name, str) and name.isidentifier() and names.count(name) == 1:
+            parts[1] = name
+    return ".".join(parts)

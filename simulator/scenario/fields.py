@@ -1,0 +1,104 @@
+"""Kinds of fields, and how a broken one is told: messages are made from the fields' own descriptions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any, Self
+
+import numpy as np
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    model_validator,
+)
+from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails, PydanticCustomError, core_schema
+
+
+def _python_scalar(value: Any) -> Any:
+    # Scenarios made in Python carry NumPy scalars out of sweeps; strict numbers would refuse them.
+    return value.item() if isinstance(value, np.generic) else value
+
+
+Float = Annotated[float, BeforeValidator(_python_scalar), Field(strict=True, allow_inf_nan=False)]
+
+Int = Annotated[int, BeforeValidator(_python_scalar), Field(strict=True)]
+
+Number = Annotated[Float, Field(description="a number")]
+
+Positive = Annotated[Float, Field(gt=0, description="a number > 0")]
+
+NonNegative = Annotated[Float, Field(ge=0, description="a number >= 0")]
+
+Text = Annotated[str, Field(strict=True, pattern=r"\S", description="a non-empty text")]
+
+
+def not_empty(items: Any) -> Any:
+    """Refuse what has no items."""
+    # Not `min_length`: pydantic counts the valid items, and complains twice where the only one is bad.
+    if not items:
+        raise PydanticCustomError("empty", "empty")
+    return items
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """Marks a union whose branch `function` chooses, so that only errors of that branch are told."""
+
+    function: Callable[[Any, ValidationInfo], Any]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        return core_schema.with_info_plain_validator_function(self.function)
+
+
+class Frozen(BaseModel):
+    """A table of the file; its problems are told in the words of the file."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _in_our_words(cls, value: Any, handler: Callable[[Any], Self]) -> Self:
+        try:
+            return handler(value)
+        except ValidationError as error:
+            lines = [_in_our_words(line, cls) for line in error.errors(include_url=False)]
+            raise ValidationError.from_exception_data(cls.__name__, lines) from None
+
+
+def refused(text: str, value: object, *loc: int | str) -> ValidationError:
+    """The error that says `text` of a value."""
+    return ValidationError.from_exception_data("", [_line(text, value, loc)])
+
+
+def _line(text: str, value: object, loc: tuple[int | str, ...]) -> InitErrorDetails:
+    reason = PydanticCustomError("refused", "{text}", {"text": text})
+    return InitErrorDetails(type=reason, loc=loc, input=value)
+
+
+def _in_our_words(error: ErrorDetails, model: type[BaseModel]) -> InitErrorDetails:
+    """A pydantic error in the words of the scenario file."""
+    loc, value = error["loc"], error["input"]
+    fields = {field.alias or name: field for name, field in model.model_fields.items()}
+    if not loc:
+        text = f"must be a table of {', '.join(fields)}"
+    elif len(loc) == 1 and loc[0] in fields:
+        text = f"must be {fields[str(loc[0])].description}"
+    else:  # a voltage by name
+        text = "must be a number"
+    match error["type"]:
+        case "refused":
+            text = error["msg"]
+        case "missing":
+            value, text = None, f"is missing, {text}"
+        case "extra_forbidden" | "invalid_key":
+            text = f"unknown key, allowed here: {', '.join(fields)}"
+        case "finite_number":
+            text = text.replace("a number", "a finite number")
+        case "value_error":  # a table that cannot be read
+            loc, value, text = ("table",), value["table"], str(error["ctx"]["error"])
+    return _line(text, value, loc)
