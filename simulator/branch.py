@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator import equilibrium, path
+from simulator import equilibrium, path, piece
 from simulator.events import Condition
 from simulator.model import Equations
 
@@ -68,7 +68,7 @@ class Branch:
     _works: dict[tuple[float, float], float] = field(default_factory=dict, repr=False)
     _corners: dict[float, FloatArray] = field(default_factory=dict, repr=False)
     _samples: dict[bytes, FloatArray] = field(default_factory=dict, repr=False)
-    _cubics: path.Cubics | None = field(default=None, repr=False)
+    _cubics: piece.Cubics | None = field(default=None, repr=False)
 
     @classmethod
     def through(cls, equations: Equations, conditions: tuple[Condition, ...], state: FloatArray) -> Branch:
@@ -104,7 +104,7 @@ class Branch:
             return None
         nodes = np.concatenate([point[:, None], near], axis=1)
         tangents = np.concatenate([equilibrium.unit(equations, d) for d in (out, rates)], axis=1)
-        done = path.work(equations, *path.between(equations, nodes, tangents))
+        done = piece.work(equations, *piece.between(equations, nodes, tangents))
         end = BranchEnd(conditions[0].kind, point)
         if direction > 0.0:
             return cls(equations, conditions, nodes, tangents, done, lower=end)
@@ -137,7 +137,7 @@ class Branch:
     def known_range(self) -> tuple[float, float]:
         """The v between which the branch is known, widened by rounding."""
         low, high = float(self.states[-1, 0]), float(self.states[-1, -1])
-        return low - path.rounding(self.equations, low), high + path.rounding(self.equations, high)
+        return low - piece.rounding(self.equations, low), high + piece.rounding(self.equations, high)
 
     def state_at(self, v: float) -> FloatArray:
         """The state at one v within the known range, shape (n_unknowns,). Raises NotConverged."""
@@ -183,7 +183,7 @@ class Branch:
         """Interpolated states at v, each in its interval."""
         if self._cubics is None:
             weights = 1.0 / self.equations.scales[:, None] ** 2
-            self._cubics = path.Cubics.through(weights, self.states, self.tangents)
+            self._cubics = piece.Cubics.through(weights, self.states, self.tangents)
         c = self._cubics
         y0, m0, a, b = c.y0[:, place], c.m0[:, place], c.a[:, place], c.b[:, place]
         x = _where(v - y0[-1], m0[-1], a[-1], b[-1])
@@ -217,11 +217,11 @@ class Branch:
         if start == end:
             return 0.0
         points = np.stack([self.state_at(start), self.state_at(end)], axis=1)
-        if end - start < path.SHORT * self.equations.scales[-1]:
+        if end - start < piece.SHORT * self.equations.scales[-1]:
             return float(0.5 * np.sum(np.asarray(self.equations.drive_power(points))) * (end - start))
         chord = np.repeat(np.diff(points, axis=1), 2, axis=1)
         directions = equilibrium.tangents(self.equations, points, chord)
-        return float(path.work(self.equations, *path.between(self.equations, points, directions))[0])
+        return float(piece.work(self.equations, *piece.between(self.equations, points, directions))[0])
 
 
 def _where(ahead: FloatArray, m0: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:

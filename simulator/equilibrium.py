@@ -28,15 +28,20 @@ class NotConverged(ArithmeticError):
 def linearised(equations: Equations, states: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Residuals (n, n_unknowns − 1) and their Jacobians (n, n_unknowns − 1, n_unknowns) of n states."""
     unknowns, count = states.shape
-    residual, rows = equations.linearised(states)
     right = np.empty((count, unknowns - 1))
     matrices = np.zeros((count, unknowns - 1, unknowns))
+    _linearise(equations, states, right, matrices)
+    return right, matrices
+
+
+def _linearise(equations: Equations, states: FloatArray, right: FloatArray, matrices: FloatArray) -> None:
+    """As `linearised`, into arrays that are there; zeros are left as they are."""
+    residual, rows = equations.linearised(states)
     for i, row in enumerate(rows):
         right[:, i] = residual[i]
         for j, entry in enumerate(row):
             if not isinstance(entry, float) or entry:
                 matrices[:, i, j] = entry
-    return right, matrices
 
 
 def on_planes(
@@ -65,26 +70,26 @@ def on_planes(
     states = guesses.copy()
     unknowns, count = states.shape
     scales = equations.scales[:, None]
-    matrices = np.empty((count, unknowns, unknowns))
+    matrices = np.zeros((count, unknowns, unknowns))
     matrices[:, -1, :] = normals.T
     right = np.zeros((count, unknowns, 2))
     right[:, -1, 1] = 1.0
+    residual = right[:, :-1, 0]
     before = np.full(count, np.nan)  # unknown: no first step is believed
-    for _ in range(_ITERATIONS):
-        residual, matrices[:, :-1, :] = linearised(equations, states)
-        right[:, :-1, 0] = residual
+    for iteration in range(_ITERATIONS):
+        _linearise(equations, states, residual, matrices)
         try:
             solved = np.linalg.solve(matrices, right)
         except np.linalg.LinAlgError:
             break
         step = solved[:, :, 0].T
         states -= step
-        size = np.max(np.abs(step) / np.maximum(np.abs(states), scales), axis=0)
+        size = (np.abs(step) / np.maximum(np.abs(states), scales)).max(axis=0)
         if not size.max() < 1e3:  # also where it is not a number
             break
         # Newton's method squares the error: the next step would be about size³/before².
         done = (size**3 <= 1e-15 * before**2) & (size <= accuracy) | (size <= 4e-15)
-        if not done.all():
+        if iteration > 1 and not done.all():
             # Beside a fold or a stretch limit rounding keeps the steps larger than that. A residual that
             # the last bits of the unknowns make up is zero.
             noise = np.einsum("nij,jn->ni", np.abs(matrices[:, :-1]), np.abs(states))

@@ -25,6 +25,7 @@ from simulator.equilibrium import NotConverged
 from simulator.events import Condition, eigenvalues, singularity
 from simulator.model import ElectrodedMembrane, OpenBalloon, SealedBalloons, State
 from simulator.path import Effort, PathError
+from simulator.piece import GAUSS_INTEGRALS, GAUSS_WEIGHTS, straight
 from simulator.scenario import Inflate, Problem, ScenarioError
 from simulator.simulation import simulate
 
@@ -289,7 +290,7 @@ def _beyond(
         count = int(np.count_nonzero(eigenvalues(equations, states[:, 0]) < 0.0))
         if count != unstable and all(condition.margin(values) > 0.0 for condition in ends):
             nodes = np.column_stack([point, states])
-            return _Piece(nodes, *path.straight(nodes), count)
+            return _Piece(nodes, *straight(nodes), count)
     raise PathError(f"the path cannot be taken up again beyond v = {point[-1]:.12g}")
 
 
@@ -307,9 +308,7 @@ def _curve(
     for piece in pieces:
         speed = np.sqrt(np.einsum("ijk,i->jk", piece.speeds**2, 1.0 / group.equations.scales**2))
         # Arclength up to the Gauss points of each interval and to its end.
-        steps = np.concatenate(
-            [speed @ path.GAUSS_INTEGRALS.T, (speed @ path.GAUSS_WEIGHTS)[:, None]], axis=1
-        )
+        steps = np.concatenate([speed @ GAUSS_INTEGRALS.T, (speed @ GAUSS_WEIGHTS)[:, None]], axis=1)
         steps[1:] += np.cumsum(steps[:-1, -1])[:, None]
         arcs.append(arcs[-1][-1] + steps.ravel())
         states = np.concatenate([piece.dense, piece.states[:, 1:, None]], axis=2)

@@ -458,7 +458,7 @@ def test_defaults() -> None:
     assert scenario.source is None
     assert scenario.output.points == 101
     assert scenario.output.every is None
-    assert scenario.solver.rtol == 1e-4
+    assert scenario.solver.rtol == 1e-3
     assert isinstance(scenario.gas.ambient_pressure, float)
 
 

@@ -26,7 +26,7 @@ class Output(Frozen):
 class Solver(Frozen):
     """Settings of the integrator."""
 
-    rtol: Annotated[Float, Field(ge=1e-12, le=1e-1, description="a number from 1e-12 to 0.1")] = 1e-4
+    rtol: Annotated[Float, Field(ge=1e-12, le=1e-1, description="a number from 1e-12 to 0.1")] = 1e-3
 
 
 class Scenario(Frozen):
