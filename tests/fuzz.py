@@ -225,24 +225,43 @@ def examine(written: dict[str, Any]) -> Verdict:
 
 
 def _other_turns(
-    pair: SealedPair, turns: list[float | Jump], reference: ReferenceHistory
+    pair: SealedPair,
+    turns: list[float | Jump],
+    reference: ReferenceHistory,
+    moved: frozenset[int] = frozenset(),
 ) -> Iterator[tuple[ReferenceHistory, frozenset[int]]]:
-    """Where ramps turn round at the voltage of an event: references just before, at and beyond it."""
+    """Where ramps turn round at the voltage of an event: references just before, at and beyond it.
+
+    A turn that one of these brings within reach is moved in its place; `moved` are the legs done already.
+    """
     unit = _voltage_unit(pair)
-    near = UNDECIDED["turn"] * unit
-    events = {m.leg: m.voltage for m in reference.margins if m.what == "turn" and m.size < near}
-    for offsets in product((-BESIDE * unit, 0.0, BESIDE * unit), repeat=len(events)) if events else ():
-        moved = list(turns)
-        for (leg, voltage), offset in zip(events.items(), offsets, strict=True):
-            turn = moved[leg]
-            if isinstance(turn, Jump):
-                moved[leg] = Jump(float(np.copysign(voltage + offset, turn.voltage)))
-            else:
-                moved[leg] = float(np.copysign(voltage + offset, turn))
+    doubtful = _doubtful_turns(reference, unit, moved)
+    if not doubtful:
+        if moved:
+            yield reference, moved
+        return
+    leg, voltage = next(iter(doubtful.items()))
+    for offset in (-BESIDE * unit, 0.0, BESIDE * unit):
+        other = list(turns)
+        turn = other[leg]
+        if isinstance(turn, Jump):
+            other[leg] = Jump(float(np.copysign(voltage + offset, turn.voltage)))
+        else:
+            other[leg] = float(np.copysign(voltage + offset, turn))
         try:
-            yield reference_history(pair, moved), frozenset(events)
+            yield from _other_turns(pair, other, reference_history(pair, other), moved | {leg})
         except ArithmeticError:  # a jump to the very voltage of a limit point has no end
             continue
+
+
+def _doubtful_turns(reference: ReferenceHistory, unit: float, moved: frozenset[int]) -> dict[int, float]:
+    """The legs that end at the voltage of an event, and that voltage."""
+    near = UNDECIDED["turn"] * unit
+    return {
+        m.leg: m.voltage
+        for m in reference.margins
+        if m.what == "turn" and m.size < near and m.leg not in moved
+    }
 
 
 def _voltage_unit(pair: SealedPair) -> float:
