@@ -43,6 +43,9 @@ _MOST_CUTS = 4
 _MOST_LOOKS = 50_000  # of IDA at the events, about one a step
 # Tolerance, over the one asked for, and longest step (0: any) of each attempt to follow a piece.
 _ATTEMPTS = ((1.0, 0.0), (0.1, 0.0), (1e-2, 0.25), (1e-3, 0.05), (1e-4, 0.01), (1e-5, 2e-3))
+_LITTLE = 1e-2  # a margin below which the event may be close
+_CLOSE = 1e-3  # of two states, in scaled unknowns: too close for steps from one to the other
+_STRAIGHT = 1e-6  # in scaled unknowns: the length of a chord that is the curve to rounding
 SHORT = 1e-7  # in v over its scale: too short a piece to be integrated
 ULPS = 4.0 * np.finfo(float).eps  # two values of v closer than this, relatively, are one
 
@@ -117,6 +120,9 @@ def follow(
         short = _short(equations, conditions, start, target)
         if short is not None:
             return short
+    close = _up_to_event(equations, conditions, start, target)
+    if close is not None:
+        return close
     failure: Exception | None = None
     for tighter, largest_step in _ATTEMPTS:
         try:
@@ -148,6 +154,68 @@ def _short(
         return None
     dense, speeds = straight(nodes)
     return Segment(nodes, tangents, dense, speeds, work(equations, dense, speeds), None)
+
+
+def _up_to_event(
+    equations: Equations, conditions: Sequence[Condition], start: FloatArray, target: float
+) -> Segment | None:
+    """A piece to an event ahead too close for steps, or to a target before it; None if none is that close.
+
+    One interval, or the event alone where the start cannot be told from it.
+    """
+    sense = 1.0 if target > start[-1] else -1.0
+    values = start.tolist()
+    found: tuple[float, str, FloatArray] | None = None
+    for condition in conditions:
+        if float(condition.margin(values)) > _LITTLE:
+            continue
+        try:
+            event = equilibrium.at_event(equations, condition, start)
+        except NotConverged:
+            continue
+        ahead = sense * float(event[-1] - start[-1])
+        near = np.max(np.abs(event - start) / equations.scales) < _CLOSE
+        if near and ahead >= -rounding(equations, values[-1]) and (found is None or ahead < found[0]):
+            found = ahead, condition.kind, event
+    if found is None:
+        return None
+    ahead, kind, event = found
+    way = np.zeros_like(start)
+    way[-1] = sense
+    if ahead <= rounding(equations, values[-1]):
+        tangent = equilibrium.tangent_at_end(equations, event, way)[:, None]
+        dense = np.empty((start.size, 0, GAUSS_POINTS.size))
+        return Segment(event[:, None], tangent, dense, dense, np.zeros(0), kind)
+    last, end = event, kind
+    if sense * (event[-1] - target) > rounding(equations, target):
+        try:
+            last, end = _before_event(equations, start, event, target), None
+        except NotConverged:
+            return None
+    nodes = np.stack([start, last], axis=1)
+    tangents = np.stack(
+        [
+            equilibrium.tangents(equations, start[:, None], way[:, None])[:, 0],
+            equilibrium.tangent_at_end(equations, last, last - start),
+        ],
+        axis=1,
+    )
+    # On a chord as short as the second, its points are on the curve to rounding.
+    curved = np.max(np.abs(last - start) / equations.scales) > _STRAIGHT
+    try:
+        dense, speeds = between(equations, nodes, tangents) if curved else straight(nodes)
+    except NotConverged:
+        return None
+    return Segment(nodes, tangents, dense, speeds, work(equations, dense, speeds), end)
+
+
+def _before_event(equations: Equations, inside: FloatArray, event: FloatArray, target: float) -> FloatArray:
+    """The state at v = `target` between a state of the path and an event beyond. Raises NotConverged."""
+    # Near a fold v is quadratic in the distance to it.
+    share = (target - inside[-1]) / (event[-1] - inside[-1])
+    found = event + (inside - event) * np.sqrt(max(1.0 - share, 0.0))
+    found[-1] = target
+    return equilibrium.one_at_drive(equations, found)
 
 
 def _integrate(
@@ -397,7 +465,13 @@ def _polished_end(
     if ended == len(conditions):
         found[-1] = target
         try:
-            return equilibrium.one_at_drive(equations, found), None
+            found = equilibrium.one_at_drive(equations, found)
+            values = found.tolist()
+            passed = [place for place, c in enumerate(conditions) if float(c.margin(values)) < 0.0]
+            if not passed:
+                return found, None
+            # IDA takes two margins that fall to zero within its tolerance in any order.
+            ended = passed[0]
         except NotConverged:
             # At a fixed v Newton's method fails right beside a fold; the fold itself can be found.
             ended = 0
@@ -405,12 +479,8 @@ def _polished_end(
     beyond = (event[-1] - target) * np.sign(target - points[-1, 0])
     if beyond <= rounding(equations, target):
         return event, conditions[ended].kind
-    # Polished, the event lies beyond the target. Near a fold v is quadratic in the distance to it.
-    inside = points[:, -2]
-    share = (target - inside[-1]) / (event[-1] - inside[-1])
-    found = event + (inside - event) * np.sqrt(max(1.0 - share, 0.0))
-    found[-1] = target
-    return equilibrium.one_at_drive(equations, found), None
+    # Polished, the event lies beyond the target.
+    return _before_event(equations, points[:, -2], event, target), None
 
 
 def rounding(equations: Equations, v: float) -> float:
