@@ -45,6 +45,7 @@ _MOST_LOOKS = 50_000  # of IDA at the events, about one a step
 _ATTEMPTS = ((1.0, 0.0), (0.1, 0.0), (1e-2, 0.25), (1e-3, 0.05), (1e-4, 0.01), (1e-5, 2e-3))
 _LITTLE = 1e-2  # a margin below which the event may be close
 _CLOSE = 1e-3  # of two states, in scaled unknowns: too close for steps from one to the other
+_UPRIGHT = 1e-6  # share of v in a unit tangent, below which the state is a limit point to rounding
 _STRAIGHT = 1e-6  # in scaled unknowns: the length of a chord that is the curve to rounding
 SHORT = 1e-7  # in v over its scale: too short a piece to be integrated
 ULPS = 4.0 * np.finfo(float).eps  # two values of v closer than this, relatively, are one
@@ -174,8 +175,12 @@ def _up_to_event(
         except NotConverged:
             continue
         ahead = sense * float(event[-1] - start[-1])
-        near = np.max(np.abs(event - start) / equations.scales) < _CLOSE
-        if near and ahead >= -rounding(equations, values[-1]) and (found is None or ahead < found[0]):
+        if (
+            np.max(np.abs(event - start) / equations.scales) < _CLOSE
+            and ahead >= -rounding(equations, values[-1])
+            and (found is None or ahead < found[0])
+            and _ends_path(equations, condition, event, sense)
+        ):
             found = ahead, condition.kind, event
     if found is None:
         return None
@@ -209,6 +214,18 @@ def _up_to_event(
     return Segment(nodes, tangents, dense, speeds, work(equations, dense, speeds), end)
 
 
+def _ends_path(equations: Equations, condition: Condition, event: FloatArray, sense: float) -> bool:
+    """Whether an event ends a path on which v goes in a sense, or one on which it goes the other way."""
+    towards = np.zeros_like(event)
+    towards[-1] = sense
+    if condition.kind == "limit_point" and equilibrium.is_fold(equations, event):
+        # No path goes on from there; the state falls, and a path that ends there led up to where it falls.
+        escape = equilibrium.escape_direction(equations, event, sense)
+        towards[: escape.size], towards[-1] = escape, 0.0
+    tangent = equilibrium.tangent_at_end(equations, event, towards)
+    return bool(condition.slope(event) @ tangent < 0.0)
+
+
 def _before_event(equations: Equations, inside: FloatArray, event: FloatArray, target: float) -> FloatArray:
     """The state at v = `target` between a state of the path and an event beyond. Raises NotConverged."""
     # Near a fold v is quadratic in the distance to it.
@@ -239,6 +256,10 @@ def _integrate(
     ahead = np.zeros_like(start)
     ahead[-1] = sense
     direction = equilibrium.tangents(equations, start[:, None], ahead[:, None])[:, 0]
+    if abs(direction[-1]) < _UPRIGHT * equations.scales[-1]:
+        # On a limit point v does not tell which way is ahead. It is where the state grows stable.
+        direction = equilibrium.tangent_at_end(equations, start, direction)
+        direction *= np.sign(conditions[0].slope(start) @ direction) or 1.0
     return along(
         equations.residual,
         lambda values: equations.linearised(values)[1],
