@@ -191,10 +191,12 @@ def _up_to_event(
         tangent = equilibrium.tangent_at_end(equations, event, way)[:, None]
         dense = np.empty((start.size, 0, GAUSS_POINTS.size))
         return Segment(event[:, None], tangent, dense, dense, np.zeros(0), kind)
-    last, end = event, kind
+    last: FloatArray = event
+    end: str | None = kind
     if sense * (event[-1] - target) > rounding(equations, target):
         try:
-            last, end = _before_event(equations, start, event, target), None
+            last = _before_event(equations, start, event, target)
+            end = None
         except NotConverged:
             return None
     nodes = np.stack([start, last], axis=1)
