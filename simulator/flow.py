@@ -32,10 +32,12 @@ FloatArray = NDArray[np.float64]
 _LOOSE = 1e-3
 _TIGHT = 1e-11
 _NEAR = 0.05  # how far a Newton step may lead for Newton's method to take over
-_NEAREST = 1e-7
+_NEAREST = {_LOOSE: 1e-7, _TIGHT: 1e-10}  # the same, at last, by tolerance
+_GHOST = 1e-3  # how near a limit point that no longer holds it a creeping state is taken past it
 _LONGEST = 1e12  # a time never reached
 _MOST_LOOKS = 50_000  # of IDA at the margins, about one a step
 _NUDGES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  # stretch by which a snap is started off its limit point
+_FINE = (1e-4, 1e-5, 1e-6)  # the same where the way matters: what it is off the way goes with the square
 _FAR = 1e3  # stretch, over the largest at the start, at which a flow without a limit counts as runaway
 
 
@@ -61,6 +63,7 @@ def relax(
     effort: Effort,
     *,
     tight: bool = False,
+    fine_start: FloatArray | None = None,
 ) -> Rest:
     """Let a state flow, at its own v, until it rests or one of the conditions ends it.
 
@@ -75,26 +78,51 @@ def relax(
         Counters, added to.
     tight : bool
         Integrate tightly from the start.
+    fine_start : (n_unknowns,) array, optional
+        Where it starts when it is integrated tightly; `start` if not given.
 
     Raises
     ------
     FlowError
         If it does neither within many steps.
     """
-    if tight:
-        return _flow(equations, conditions, start, _TIGHT, effort)[0]
-    try:
-        rest, closest = _flow(equations, conditions, start, _LOOSE, effort)
-    except FlowError:
-        return _flow(equations, conditions, start, _TIGHT, effort)[0]
-    if rest.end is None:
-        values = rest.state.tolist()
-        # A margin that was smallest at the rest itself was not grazed on the way.
-        if all(
-            low > 0.02 or low > 0.5 * c.margin(values) for low, c in zip(closest, conditions, strict=True)
-        ):
-            return rest
-    return _flow(equations, conditions, start, _TIGHT, effort)[0]
+    fine_start = start if fine_start is None else fine_start
+    if not tight:
+        # Loosely, unless that fails, or what is found depends on the way.
+        with contextlib.suppress(FlowError):
+            rest, closest = _flow(equations, conditions, start, _LOOSE, effort)
+            if rest.end is None and _certain(equations, conditions, start, rest.state, closest):
+                return rest
+    return _flow(equations, conditions, fine_start, _TIGHT, effort)[0]
+
+
+def _certain(
+    equations: Equations,
+    conditions: Sequence[Condition],
+    start: FloatArray,
+    rest: FloatArray,
+    closest: Sequence[float],
+) -> bool:
+    """Whether a loose flow to a rest kept well away from the margins, whose smallest values are given."""
+    first, last = start.tolist(), rest.tolist()
+    blur = _LOOSE * (1.0 + rest[: len(equations.walls)])
+    return all(
+        # A margin that was smallest at the start or at the rest was not grazed on the way.
+        (low > 0.02 or low > 0.5 * min(c.margin(first), c.margin(last)))
+        and low > 10.0 * _variation(equations, c, rest, blur)
+        for low, c in zip(closest, conditions, strict=True)
+    )
+
+
+def _variation(equations: Equations, condition: Condition, state: FloatArray, change: FloatArray) -> float:
+    """How much a margin varies, at most and to first order, as the stretches change by so much each."""
+    count = len(equations.walls)
+    slope = condition.slope(state)
+    along = slope[:count]
+    if equations.has_pressure:
+        gas = equations.linearised(state.tolist())[1][count]
+        along = along - slope[count] * np.array(gas[:count], dtype=np.float64) / float(gas[count])
+    return float(np.abs(along) @ np.abs(change))
 
 
 def snap(
@@ -122,20 +150,35 @@ def snap(
     FlowError
         If the flow does not lead away from the limit point.
     """
-    for distance in _NUDGES:
-        start = _nudged(equations, fold, distance * escape)
-        if _speed_along(equations, start, escape) > 0.0 and _holds(conditions, start):
-            break
-    else:
-        if not _holds(conditions, start):
-            values = start.tolist()
-            return Rest(start, min(conditions, key=lambda c: float(c.margin(values))).kind)
+    start = _off(equations, conditions, fold, escape, _NUDGES)
+    if start is None:
+        at_once = _nudged(equations, fold, _NUDGES[-1] * escape)
+        if not _holds(conditions, at_once):
+            values = at_once.tolist()
+            return Rest(at_once, min(conditions, key=lambda c: float(c.margin(values))).kind)
         raise FlowError("no way down from the limit point")
+    fine = _off(equations, conditions, fold, escape, _FINE)
+    distance = np.max(np.abs(start - fold) / equations.scales)
     for once_more in (False, True):
-        rest = relax(equations, conditions, start, effort, tight=once_more)
+        rest = relax(equations, conditions, start, effort, tight=once_more, fine_start=fine)
         if rest.end is not None or np.max(np.abs(rest.state - fold) / equations.scales) > distance:
             return rest
     raise FlowError("the snap fell back to where it came from")
+
+
+def _off(
+    equations: Equations,
+    conditions: Sequence[Condition],
+    fold: FloatArray,
+    escape: FloatArray,
+    distances: Sequence[float],
+) -> FloatArray | None:
+    """The state at the first of some distances off a limit point from which the flow leads away, if any."""
+    for distance in distances:
+        start = _nudged(equations, fold, distance * escape)
+        if _speed_along(equations, start, escape) > 0.0 and _holds(conditions, start):
+            return start
+    return None
 
 
 def _nudged(equations: Equations, state: FloatArray, change: FloatArray) -> FloatArray:
@@ -172,7 +215,8 @@ def _flow(
     far = _FAR * float(np.max(start[:count]))
     closest = [math.inf] * len(conditions)
     state, near = start, _NEAR
-    while near > _NEAREST:
+    passed = False
+    while True:
 
         def resting(y: State, near: float = near) -> float:
             """Falls through zero where a Newton step, at most |R| over the smallest eigenvalue, is short."""
@@ -196,16 +240,39 @@ def _flow(
                 return Rest(_at_margin(equations, conditions[ended], state), conditions[ended].kind), closest
             if ended > len(conditions):
                 return Rest(state, "runaway"), closest
-        landing = _landing(equations, conditions, state)
-        if landing is None:
-            landing = _at_fold(equations, state)
+        nearest = near <= _NEAREST[rtol]
+        landing = _landing(equations, conditions, state, surely=not nearest)
+        fold = _fold_beside(equations, state) if landing is None else None
+        if landing is None and fold is not None:
+            landing = _at_fold(equations, state, fold)
         if landing is not None:
             return Rest(landing, None), closest
+        if fold is not None and not passed and np.max(np.abs(fold - state) / equations.scales) < _GHOST:
+            onward = _past(equations, conditions, fold, float(state[-1]))
+            if onward is not None:
+                state, near, passed = onward, _NEAR, True
+                continue
+        if nearest:
+            break
         near *= 0.1
     broken = _broken_at_rest(equations, conditions, state)
     if broken is not None:
         return Rest(_at_margin(equations, broken, state), broken.kind), closest
     raise FlowError("the flow slows down where there is no rest")
+
+
+def _past(
+    equations: Equations, conditions: Sequence[Condition], fold: FloatArray, v: float
+) -> FloatArray | None:
+    """Where a state goes on that creeps past a limit point, at a v a little beyond the limit point's.
+
+    It takes a time like 1/√(distance in v) for that, at speeds down to the rounding of the forces, and ever
+    closer to the soft mode. So it is put beyond, on the soft mode.
+    """
+    ghost = fold.copy()
+    ghost[-1] = v
+    escape = equilibrium.escape_direction(equations, fold, 1.0 if v > fold[-1] else -1.0)
+    return _off(equations, conditions, ghost, escape, _FINE)
 
 
 def _at_margin(equations: Equations, condition: Condition, state: FloatArray) -> FloatArray:
@@ -313,16 +380,20 @@ def _consistent(equations: Equations, start: FloatArray) -> tuple[FloatArray, Fl
     return np.array(values[:-1]), np.array(rates)
 
 
-def _at_fold(equations: Equations, state: FloatArray) -> FloatArray | None:
-    """The limit point that a state creeps up to where v is just its voltage, or a little short of it."""
+def _fold_beside(equations: Equations, state: FloatArray) -> FloatArray | None:
+    """The limit point that a state is beside, if it is."""
     try:
         fold = equilibrium.at_event(equations, stability(equations), state)
     except NotConverged:
         return None
-    if np.max(np.abs(fold - state) / equations.scales) > 2.0 * _NEAR:
-        return None
+    return fold if np.max(np.abs(fold - state) / equations.scales) <= 2.0 * _NEAR else None
+
+
+def _at_fold(equations: Equations, state: FloatArray, fold: FloatArray) -> FloatArray | None:
+    """The rest of a state creeping up to a limit point, where v is its voltage or a little short of it."""
     v = float(state[-1])
     if abs(fold[-1] - v) <= 16.0 * np.finfo(float).eps * max(abs(v), float(equations.scales[-1])):
+        fold = fold.copy()
         fold[-1] = v
         return fold
     # Beside a fold the distance to it goes as the root of the distance in v: tried closer and closer.
@@ -353,8 +424,13 @@ def _broken_at_rest(
     return next((condition for condition in conditions if condition.margin(rest) <= 0.0), None)
 
 
-def _landing(equations: Equations, conditions: Sequence[Condition], state: FloatArray) -> FloatArray | None:
-    """The stable rest that a flowing state is about to reach, or None where that is not certain."""
+def _landing(
+    equations: Equations, conditions: Sequence[Condition], state: FloatArray, *, surely: bool
+) -> FloatArray | None:
+    """The stable rest that a flowing state is about to reach, or None where that is not certain.
+
+    `surely`: so near that no margin can fall to zero on the way there, however it goes.
+    """
     try:
         landing = equilibrium.one_at_drive(equations, state)
     except NotConverged:
@@ -367,4 +443,10 @@ def _landing(equations: Equations, conditions: Sequence[Condition], state: Float
     stable = stability(equations).margin
     if any(stable((state + share * (landing - state)).tolist()) <= 0.0 for share in (0.5, 1.0)):
         return None
+    if surely:
+        way = (landing - state)[: len(equations.walls)]
+        for condition in conditions:
+            low = min(float(condition.margin(y.tolist())) for y in (state, landing))
+            if low < 2.0 * _variation(equations, condition, landing, way):
+                return None
     return landing

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +23,9 @@ from numpy.typing import NDArray
 from simulator import equilibrium
 from simulator.equilibrium import NotConverged
 from simulator.events import Condition
+from simulator.inflation import inflated
 from simulator.model import Equations, OpenBalloon
+from simulator.nearby import up_to_event
 from simulator.piece import SHORT, Segment, polished, straight, work
 
 if TYPE_CHECKING:
@@ -34,12 +35,10 @@ FloatArray = NDArray[np.float64]
 
 _LONGEST = 1e9  # an arclength never reached
 _TIGHTEST = 1e-12
-_TURN = 0.3  # by which the direction may change from one point of an inflation to the next, in radians
-_MOST_STEPS = 10_000  # of an inflation
-_HALVINGS = 8
 _MOST_LOOKS = 50_000  # of IDA at the events, about one a step
 # Tolerance, over the one asked for, and longest step (0: any) of each attempt to follow a piece.
 _ATTEMPTS = ((1.0, 0.0), (0.1, 0.0), (1e-2, 0.25), (1e-3, 0.05), (1e-4, 0.01), (1e-5, 2e-3))
+_UPRIGHT = 1e-6  # share of v in a unit tangent, below which the state is a limit point to rounding
 
 
 class PathError(ArithmeticError):
@@ -88,9 +87,12 @@ def follow(
         short = _short(equations, conditions, start, target)
         if short is not None:
             return short
+    close = up_to_event(equations, conditions, start, target)
+    if close is not None:
+        return close
     if isinstance(equations, OpenBalloon) and equations.pressure_rate:
         with contextlib.suppress(NotConverged):
-            points, directions, ended = _inflated(equations, conditions, start, target)
+            points, directions, ended = inflated(equations, conditions, start, target)
             return polished(equations, conditions, points, directions, ended, target)
     failure: Exception | None = None
     for tighter, largest_step in _ATTEMPTS:
@@ -125,67 +127,6 @@ def _short(
     return Segment(nodes, tangents, dense, speeds, work(equations, dense, speeds), None)
 
 
-def _inflated(
-    equations: OpenBalloon, conditions: Sequence[Condition], start: FloatArray, target: float
-) -> tuple[FloatArray, FloatArray, int]:
-    """As `_integrate`, for a balloon whose pressure v is a formula of its stretch, as R is linear in it."""
-    sense = 1.0 if target > start[-1] else -1.0
-    scale = float(equations.scales[-1])
-    linearised = equations.membrane.linearised
-    limit = equations.walls[0].elastomer.stretch_limit
-
-    def at(stretch: float) -> tuple[float, float, float]:
-        """The pressure, and the unit direction in which the stretch grows, in scaled unknowns."""
-        residual, _, per_pressure, _ = linearised(stretch, 0.0, 0.0)
-        pressure = -residual / per_pressure
-        rise = -linearised(stretch, pressure, 0.0)[1] / (per_pressure * scale)
-        length = math.hypot(1.0, rise)
-        return pressure, 1.0 / length, rise / length
-
-    def ended(stretch: float, pressure: float) -> int | None:
-        if sense * (target - pressure) <= 0.0:
-            return len(conditions)
-        margins = [condition.margin((stretch, pressure)) for condition in conditions]
-        return next((place for place, margin in enumerate(margins) if margin <= 0.0), None)
-
-    def arrays() -> tuple[FloatArray, FloatArray]:
-        unit = np.array([1.0, scale])
-        return np.array([row[:2] for row in rows]).T, way * np.array([row[2:] for row in rows]).T * unit[
-            :, None
-        ]
-
-    stretch, step = float(start[0]), 0.1
-    _, along, rise = at(stretch)
-    way = sense if rise >= 0.0 else -sense  # whether it grows or shrinks from here
-    rows = [(stretch, float(start[-1]), along, rise)]
-    for _ in range(_MOST_STEPS):
-        further = stretch + way * step * along
-        turn = math.inf
-        if 0.0 < further < limit:
-            pressure, ahead, ahead_rise = at(further)
-            turn = abs(along * ahead_rise - rise * ahead)
-        if turn > 2.0 * _TURN:
-            step *= 0.5
-            continue
-        end = ended(further, pressure)
-        if end is not None:
-            inside = stretch
-            for _ in range(_HALVINGS):  # so that Newton's method starts close
-                middle = 0.5 * (inside + further)
-                pressure, ahead, ahead_rise = at(middle)
-                found = ended(middle, pressure)
-                if found is None:
-                    inside = middle
-                else:
-                    further, end = middle, found
-            rows.append((further, *at(further)))
-            return *arrays(), end
-        stretch, along, rise = further, ahead, ahead_rise
-        rows.append((stretch, pressure, along, rise))
-        step *= min(max(_TURN / (turn + 1e-3), 0.5), 3.0)
-    raise NotConverged(f"no end within {_MOST_STEPS} steps")
-
-
 def _integrate(
     equations: Equations,
     conditions: Sequence[Condition],
@@ -207,6 +148,10 @@ def _integrate(
     ahead = np.zeros_like(start)
     ahead[-1] = sense
     direction = equilibrium.tangents(equations, start[:, None], ahead[:, None])[:, 0]
+    if abs(direction[-1]) < _UPRIGHT * equations.scales[-1]:
+        # On a limit point v does not tell which way is ahead. It is where the state grows stable.
+        direction = equilibrium.tangent_at_end(equations, start, direction)
+        direction *= np.sign(conditions[0].slope(start) @ direction) or 1.0
     return along(
         equations.residual,
         lambda values: equations.linearised(values)[1],

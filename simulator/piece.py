@@ -254,7 +254,13 @@ def _polished_end(
     if ended == len(conditions):
         found[-1] = target
         try:
-            return equilibrium.one_at_drive(equations, found), None
+            found = equilibrium.one_at_drive(equations, found)
+            values = found.tolist()
+            passed = [place for place, c in enumerate(conditions) if float(c.margin(values)) < 0.0]
+            if not passed:
+                return found, None
+            # IDA takes two margins that fall to zero within its tolerance in any order.
+            ended = passed[0]
         except NotConverged:
             # At a fixed v Newton's method fails right beside a fold; the fold itself can be found.
             ended = 0
@@ -262,12 +268,17 @@ def _polished_end(
     beyond = (event[-1] - target) * np.sign(target - points[-1, 0])
     if beyond <= rounding(equations, target):
         return event, conditions[ended].kind
-    # Polished, the event lies beyond the target. Near a fold v is quadratic in the distance to it.
-    inside = points[:, -2]
+    # Polished, the event lies beyond the target.
+    return before_event(equations, points[:, -2], event, target), None
+
+
+def before_event(equations: Equations, inside: FloatArray, event: FloatArray, target: float) -> FloatArray:
+    """The state at v = `target` between a state of the path and an event beyond. Raises NotConverged."""
+    # Near a fold v is quadratic in the distance to it.
     share = (target - inside[-1]) / (event[-1] - inside[-1])
     found = event + (inside - event) * np.sqrt(max(1.0 - share, 0.0))
     found[-1] = target
-    return equilibrium.one_at_drive(equations, found), None
+    return equilibrium.one_at_drive(equations, found)
 
 
 def rounding(equations: Equations, v: float) -> float:

@@ -252,6 +252,8 @@ class _Run:
                     self._book_stay(walks[place], at[place], since[place], v)
                 return
         rest = fractions[fractions > passed + _SAME_INSTANT]
+        if not rest.size and values[-1] != v:
+            rest = fractions[-1:]  # however near an event was: the next step begins where this one ends
         failure = next((walk.failure for walk in walks if walk.failure is not None), None)
         if failure is not None:
             rest = rest[: _leading(rest, waveform, at)]
