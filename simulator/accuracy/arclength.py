@@ -165,14 +165,14 @@ class _Unpolished:
                 if leg.start != leg.end:
                     state = self._jump(state, leg.end)
             else:
-                self._note(number, leg.fractions, leg.voltages(), np.repeat(state[:, None], leg.fractions.size, 1))
+                self._note(
+                    number, leg.fractions, leg.voltages(), np.repeat(state[:, None], leg.fractions.size, 1)
+                )
             if self.slack:
                 break
         supplied = self.group.equations.electric_supply
         work = float(supplied(state.tolist()) - supplied(start.tolist())) - self.moved
-        position, voltage, states = (
-            np.concatenate([s[k] for s in self.samples], axis=-1) for k in range(3)
-        )
+        position, voltage, states = (np.concatenate([s[k] for s in self.samples], axis=-1) for k in range(3))
         jumps = np.concatenate([np.full(s[0].size, s[3]) for s in self.samples])
         return Solution(
             tuple(self.found),
@@ -229,9 +229,7 @@ class _Unpolished:
         cubics = path.Cubics.through(1.0 / equations.scales[:, None] ** 2, points, directions)
         guesses, slopes, _ = cubics.at_gauss_points()
         shape = (len(points), points.shape[1] - 1, -1)
-        self.moved += float(
-            np.sum(path.work(equations, guesses.reshape(shape), slopes.reshape(shape)))
-        )
+        self.moved += float(np.sum(path.work(equations, guesses.reshape(shape), slopes.reshape(shape))))
         wanted = (leg.fractions > start) & (leg.fractions <= end)
         voltages = leg.voltages()[wanted]
         if voltages.size:

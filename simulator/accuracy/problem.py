@@ -194,7 +194,9 @@ def _check(scenario: Scenario, steps: list[PlayedStep], inflations: int) -> None
         allowed = "the closed form needs two balloons, one of them with electrodes"
         problems.append(Problem("balloon", found, allowed))
     problems += [
-        Problem(f"balloon.{b.name}.breakdown", b.breakdown.model_dump(), "the methods compared have no breakdown")
+        Problem(
+            f"balloon.{b.name}.breakdown", b.breakdown.model_dump(), "the methods compared have no breakdown"
+        )
         for b in scenario.balloons
         if b.breakdown
     ]

@@ -21,8 +21,10 @@ from simulator.accuracy.problem import Leg, LimitPoint, Samples, Solution, Task
 FloatArray = NDArray[np.float64]
 Method = Literal["LSODA", "BDF", "Radau"]
 
-# A stretch that would change by this much or more in the time of the whole leg is snapping.
+# A stretch that would change by this much in the time of the whole leg, and does change by so much, snaps.
 _FAST = 30.0
+_FAR = 0.1
+_SLOW = 3.0  # so slow, and it has landed
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
 
@@ -137,9 +139,9 @@ def integrated(task: Task, method: Method, delay: float, rtol: float) -> Run:
 def read(task: Task, run: Run) -> Solution:
     """A viscous history as a solution, with its snaps where the active stretch runs fastest.
 
-    On a ramp a snap is a run of steps in which |dλ₁/dt| times the ramp's duration is above 30. Its voltage is
-    that of the fastest of them, and it has landed at the first step after it. There is no state of rest
-    before it to be compared with.
+    On a ramp a snap is a run of steps in which the larger |Δλᵢ|/Δt times the ramp's duration is above 30, and in which λ₁
+    moves by more than 0.1. Its voltage is that in the middle of the fastest of them, and it has landed
+    where that has fallen below 3, or slows down no more. There is no state of rest before it to be compared with.
     """
     equations = run.equations
     found: list[LimitPoint] = []
@@ -156,14 +158,16 @@ def read(task: Task, run: Run) -> Solution:
         steps += result.t.size - 1
         calls += int(result.nfev)
         slack = result.status == 1
-        snaps = _snaps(equations, leg, result) if leg.is_ramp else []
+        snaps = _snaps(leg, result) if leg.is_ramp else []
         for at, after in snaps:
             landed = None if after is None else _state(equations, result.y[:, after])
-            found.append(LimitPoint(number, _voltage(leg, result.t[at]), None, landed))
+            found.append(LimitPoint(number, _voltage(leg, at), None, landed))
         fractions = leg.fractions[: result.samples.shape[1]]
-        passed = jumps + np.searchsorted([result.t[at] / leg.lasts for at, _ in snaps], fractions)
+        passed = jumps + np.searchsorted([at / leg.lasts for at, _ in snaps], fractions)
         states = _state(equations, result.samples)
-        samples.append((number + fractions, leg.voltages()[: fractions.size], states, passed.astype(np.int64)))
+        samples.append(
+            (number + fractions, leg.voltages()[: fractions.size], states, passed.astype(np.int64))
+        )
         jumps += len(snaps)
         moved += _moved(equations, leg, result) if leg.is_ramp else 0.0
     last = next(r for r in reversed(run.results) if r is not None)
@@ -179,18 +183,21 @@ def read(task: Task, run: Run) -> Solution:
     )
 
 
-def _snaps(equations: _Equations, leg: Leg, result: Any) -> list[tuple[int, int | None]]:
-    """The fastest step of each snap on a ramp, and the first after it; None where the ramp ends within it."""
-    voltages = _voltage(leg, result.t)
-    speed = np.abs(equations.rates(*result.y, voltages)[0]) * leg.lasts
+def _snaps(leg: Leg, result: Any) -> list[tuple[float, int | None]]:
+    """When each snap on a ramp is fastest, and the point where it lands; None where the ramp ends before."""
+    stretch, times = result.y[0], result.t
+    speed = np.max(np.abs(np.diff(result.y)), axis=0) / np.diff(times) * leg.lasts
     fast = np.concatenate([[False], speed > _FAST, [False]])
     begins, ends = np.flatnonzero(fast[1:] & ~fast[:-1]), np.flatnonzero(fast[:-1] & ~fast[1:])
-    snaps: list[tuple[int, int | None]] = []
+    snaps: list[tuple[float, int | None]] = []
     for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
-        if begin == 0:
-            continue  # still under way from a jump before the ramp
-        after = end if end < speed.size else (speed.size - 1 if result.status == 1 else None)
-        snaps.append((begin + int(np.argmax(speed[begin:end])), after))
+        if begin == 0 or abs(stretch[end] - stretch[begin]) < _FAR:
+            continue  # still under way from a jump before the ramp, or nothing to speak of
+        fastest = begin + int(np.argmax(speed[begin:end]))
+        while end < speed.size and _SLOW < speed[end] < speed[end - 1]:
+            end += 1
+        lands = end < speed.size or result.status == 1
+        snaps.append((float(0.5 * (times[fastest] + times[fastest + 1])), end if lands else None))
     return snaps
 
 

@@ -1,0 +1,166 @@
+"""What a scenario does not name costs nothing: five scenarios, each with more in it, measured.
+
+Each is run once in a fresh process, which tells what it imported, and several times in this one, which tells
+what it cost.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from simulator.explanation import assembled
+from simulator.scenario import load_scenario
+from simulator.simulation import simulate
+
+_GENT = {"model": "gent", "J_lim": 100}
+_PASSIVE = {"name": "passive", "elastomer": _GENT}
+_ACTIVE = {"name": "active", "electrodes": True, "elastomer": _GENT}
+_OUTPUT = {"points": 11}
+
+
+def _scenario(title: str, balloons: Sequence[Any], steps: Sequence[Any]) -> dict[str, Any]:
+    return {
+        "title": title,
+        "gas": {"ambient_pressure": 0.015},
+        "balloon": list(balloons),
+        "step": list(steps),
+        "output": _OUTPUT,
+    }
+
+
+SCENARIOS: tuple[dict[str, Any], ...] = (
+    _scenario("a balloon left alone", [_PASSIVE], [{"hold": 1}]),
+    _scenario("one balloon inflated", [_PASSIVE], [{"inflate": 1.2}]),
+    _scenario(
+        "an actuator at constant pressure, valve open",
+        [_ACTIVE],
+        [{"inflate": 1.2}, {"ramp": 0.1, "valve": "open"}],
+    ),
+    _scenario("a sealed pair, one ramp", [_ACTIVE, _PASSIVE], [{"inflate": 1.2}, {"ramp": 0.3}]),
+    _scenario(
+        "a sealed pair with a breakdown strength, ten cycles with both snaps",
+        [_ACTIVE | {"breakdown": {"field": 50.0}}, _PASSIVE],
+        [{"inflate": 1.2}, {"cycle": 10, "steps": [{"ramp": 0.4}, {"hold": 1}, {"ramp": 0.0}]}],
+    ),
+    _scenario(
+        "three balloons, two actuators with their own voltages and strengths, one cycle",
+        [
+            {**_ACTIVE, "name": "left", "breakdown": {"field": 50.0}},
+            {**_ACTIVE, "name": "right", "radius": 0.9, "breakdown": {"field": 50.0}},
+            _PASSIVE,
+        ],
+        [
+            {"inflate": 1.2},
+            {"ramp": {"left": 0.3, "right": 0.2}},
+            {"ramp": {"left": 0.0, "right": 0.0}},
+        ],
+    ),
+)
+
+_PROGRAM = """
+import json, sys
+before = set(sys.modules)
+from simulator import load_scenario, simulate
+simulate(load_scenario(json.load(sys.stdin)))
+print(json.dumps(sorted(set(sys.modules) - before)))
+"""
+
+
+@dataclass(frozen=True)
+class Anatomy:
+    """What a scenario assembled, imported and cost.
+
+    Attributes
+    ----------
+    title : str
+    sets : tuple of (int, int)
+        Unknowns and event functions of every different set of equations, in order of appearance. The drive is
+        among the unknowns.
+    equations : int
+        How many different sets of equations that was.
+    solves, steps, calls : int
+        Pieces handed to IDA, its steps and its residual calls.
+    modules : tuple of str
+        Of this package, in a fresh process, without the package's name.
+    libraries : tuple of str
+        Other packages loaded there, the standard library excepted.
+    milliseconds : float
+        Median processor time of `simulate`.
+    """
+
+    title: str
+    sets: tuple[tuple[int, int], ...]
+    equations: int
+    solves: int
+    steps: int
+    calls: int
+    modules: tuple[str, ...]
+    libraries: tuple[str, ...]
+    milliseconds: float
+
+
+def anatomies(repetitions: int = 15) -> list[Anatomy]:
+    """All scenarios taken apart; times are medians of interleaved repetitions."""
+    loaded = [load_scenario(written) for written in SCENARIOS]
+    histories = [simulate(scenario) for scenario in loaded]
+    seconds: list[list[float]] = [[] for _ in loaded]
+    for _ in range(repetitions):
+        for scenario, taken in zip(loaded, seconds, strict=True):
+            begun = time.process_time()
+            simulate(scenario)
+            taken.append(time.process_time() - begun)
+    found = []
+    for written, scenario, history, taken in zip(SCENARIOS, loaded, histories, seconds, strict=True):
+        groups = {group.equations: group for step in assembled(scenario) for group in step.groups}
+        sets = [(g.equations.scales.size, len(g.conditions)) for g in groups.values()]
+        modules, libraries = imported(written)
+        counts = history.statistics
+        found.append(
+            Anatomy(
+                scenario.title,
+                tuple(dict.fromkeys(sets)),
+                len(sets),
+                counts.ida_solves,
+                counts.ida_steps,
+                counts.residual_calls,
+                modules,
+                libraries,
+                1e3 * statistics.median(taken),
+            )
+        )
+    return found
+
+
+def imported(written: dict[str, Any]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Modules of this package and other packages that a scenario's run loads in a fresh process.
+
+    Raises
+    ------
+    RuntimeError
+        If that process fails.
+    """
+    home = str(Path(__file__).parent.parent.parent)
+    paths = [home, *filter(None, [os.environ.get("PYTHONPATH")])]
+    done = subprocess.run(
+        [sys.executable, "-c", _PROGRAM],
+        input=json.dumps(written),
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
+        check=False,
+    )
+    if done.returncode:
+        raise RuntimeError(f"a process that runs {written['title']!r} failed: {done.stderr.strip()}")
+    names: list[str] = json.loads(done.stdout)
+    modules = tuple(name.partition(".")[2] for name in names if name.startswith("simulator."))
+    tops = {name.partition(".")[0] for name in names} - set(sys.stdlib_module_names) - {"simulator"}
+    return modules, tuple(sorted(name for name in tops if not name.startswith("_")))
