@@ -267,7 +267,7 @@ def accuracy(
     repeat: Annotated[int, typer.Option(min=1, metavar="N", help="Repetitions of every run.")] = 7,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> None:
-    """Measure error against run time, beside SciPy's solvers; write accuracy.md, its figure and accuracy.csv."""
+    """Measure error against run time, beside SciPy's solvers; write accuracy.md, figure and table."""
     from simulator.accuracy import FILES, SCENARIOS, accuracy_files
     from simulator.accuracy.study import DELAYS, TOLERANCES
     from simulator.files import OutputError, check_writable

@@ -31,7 +31,8 @@ def write_files(
     directory : path
         Created if need be.
     writers : dict of file name to function
-        Names may lead into folders of the directory. Each is called with a binary stream to write its file to.
+        Each is called with a binary stream to write its file to. Names may lead into
+        folders of the directory.
 
     Returns
     -------

@@ -26,6 +26,9 @@ from simulator.scenario import Output, Scenario, Solver
 from simulator.simulation import simulate
 
 FloatArray = NDArray[np.float64]
+Residual = Callable[[list[float]], list[float]]
+Jacobian = Callable[[list[float]], list[list[float]]]
+Events = Callable[[list[float], list[float]], list[float]]
 # `path.along` without its longest step: points, directions and which event ended them.
 Integrator = Callable[..., tuple[FloatArray, FloatArray, int]]
 
@@ -64,6 +67,7 @@ def read_history(task: Task, history: History) -> Solution:
         Samples(position, history.voltage[wanted, 0], states[:, wanted], jumps[wanted]),
         history.energy_balance.electrical_work,
         history.outcome is Outcome.LOSS_OF_TENSION,
+        history.statistics.ida_solves,
         history.statistics.ida_steps,
         history.statistics.residual_calls,
     )
@@ -83,15 +87,23 @@ def _at(scenario: Scenario, rtol: float) -> Scenario:
     return scenario.model_copy(update={"solver": Solver(rtol=rtol)})
 
 
-def _ida(*words: Any) -> tuple[FloatArray, FloatArray, int]:
-    *words_of_the_curve, effort = words
-    return path.along(*words_of_the_curve, 0.0, effort)
+def _ida(
+    residual: Residual,
+    jacobian: Jacobian,
+    events: Events,
+    start: FloatArray,
+    direction: FloatArray,
+    scales: FloatArray,
+    rtol: float,
+    effort: Effort,
+) -> tuple[FloatArray, FloatArray, int]:
+    return path.along(residual, jacobian, events, start, direction, scales, rtol, 0.0, effort)
 
 
 def _scipy_dae(
-    residual: Callable[[list[float]], list[float]],
-    jacobian: Callable[[list[float]], list[list[float]]],
-    events: Callable[[list[float], list[float]], list[float]],
+    residual: Residual,
+    jacobian: Jacobian,
+    events: Events,
     start: FloatArray,
     direction: FloatArray,
     scales: FloatArray,
@@ -131,6 +143,7 @@ def _scipy_dae(
         jac=slopes,
         events=[margin(place) for place in range(count)],
     )
+    effort.ida_solves += 1
     effort.ida_steps += len(result.t) - 1
     effort.residual_calls += int(result.nfev)
     if result.status != 1:
@@ -179,6 +192,7 @@ class _Unpolished:
             Samples(position, voltage, states, jumps),
             work,
             self.slack,
+            self.effort.ida_solves,
             self.effort.ida_steps,
             self.effort.residual_calls,
         )
@@ -263,7 +277,7 @@ class _Unpolished:
             softest = float(stable(y))
             if softest <= 0.0:
                 return 1.0
-            return min(max(map(abs, equations.residual(y))) / softest - self.rtol, 1.0)
+            return float(min(max(map(abs, equations.residual(y))) / softest - self.rtol, 1.0))
 
         margins = [*(condition.margin for condition in others), resting]
         states, ended = flow.integrate(equations, margins, start, self.rtol, self.effort)

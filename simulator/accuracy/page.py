@@ -5,18 +5,15 @@ from __future__ import annotations
 import math
 import os
 import platform
-import statistics
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-import numpy as np
-
+from simulator.accuracy import digest
 from simulator.accuracy.left_out import Anatomy
 from simulator.accuracy.study import DEFAULT, SCIPY_DAE, SIMULATOR, UNPOLISHED, VISCOUS, Row
 
-_ROUNDING = 1e-13  # errors below this tell nothing of a convergence order
 _ERRORS = {
     "limit_voltage_error": "limit-point voltage",
     "limit_state_error": "limit-point states",
@@ -24,11 +21,12 @@ _ERRORS = {
     "state_error": "sampled states",
     "work_error": "work",
 }
+_SHOWN = 1e-6  # tolerance of the viscous runs in the tables side by side
 
 
 @dataclass(frozen=True)
 class Subject:
-    """A scenario of the comparison: its name, its title, and whether its history ends by a loss of tension."""
+    """A scenario of the comparison: its name, its title, and whether its history ends by losing tension."""
 
     name: str
     title: str
@@ -45,11 +43,8 @@ def machine() -> str:
         model = next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
     except (OSError, StopIteration):
         pass
-    libraries = ", ".join(
-        f"{name} {found}"
-        for name in ("numpy", "scipy", "scikit-sundae", "scipy-dae")
-        if (found := _version(name))
-    )
+    packages = ("numpy", "scipy", "scikit-sundae", "scipy-dae")
+    libraries = ", ".join(f"{name} {found}" for name in packages if (found := _version(name)))
     return (
         f"{model}, {os.cpu_count()} cores, {platform.system()}; Python {platform.python_version()}, "
         f"{libraries}, SUNDIALS {sksundae.SUNDIALS_VERSION}"
@@ -59,7 +54,7 @@ def machine() -> str:
 def _version(name: str) -> str:
     try:
         return version(name)
-    except ImportError:  # the optional one is not installed
+    except PackageNotFoundError:  # the optional one
         return ""
 
 
@@ -77,223 +72,233 @@ def page(rows: Sequence[Row], subjects: Sequence[Subject], anatomies: Sequence[A
     where : str
         The machine and versions.
     """
-    return "\n".join(
-        [
-            _head(subjects, where),
-            _simulator(rows, subjects),
-            _unpolished(rows, subjects),
-            _viscous(rows, subjects),
-            _side_by_side(rows, subjects),
-            _DEFINITIONS,
-            _left_out(anatomies),
-        ]
-    )
+    parts = [
+        _head(subjects, where),
+        _simulator(rows, subjects),
+        _unpolished(rows, subjects),
+        _viscous(rows, subjects),
+        _side_by_side(rows, subjects),
+        _DEFINITIONS,
+        _left_out(anatomies),
+    ]
+    return "\n".join(part for part in parts if part)
 
 
 def _head(subjects: Sequence[Subject], where: str) -> str:
-    command = "balloons accuracy"
     names = ", ".join(f"`{subject.name}`" for subject in subjects)
     return f"""\
 # How wrong, how slow
 
 Errors against run time, of this simulator and of what one would write instead, on the scenarios {names}.
-This page, its figure and [accuracy.csv](accuracy.csv) are written by `{command}`, which takes a few minutes; no number
-here is typed by hand. The errors are the same every time. **Times compare within this one run only**: they were
-taken on one shared machine, in processor time, as medians of repetitions interleaved between all methods.
+This page, its figure and [accuracy.csv](accuracy.csv) are written by `balloons accuracy`; no number here is typed by
+hand. The errors are the same in every run. **Times compare within this one run only**: it was taken on one shared
+machine, in processor time, as medians of repetitions interleaved between all methods.
 
 Machine: {where}.
 
-The exact solution is the closed form of the sealed pair, `simulator/exact.py`: every equilibrium to rounding, without
-a solver. It shares nothing with the simulator but the elastomers' strain energies, and is itself held against
-40-digit arithmetic by the tests.
+The exact solution is the closed form of the sealed pair, `simulator.exact`: every equilibrium to rounding, without a
+path to follow. It shares nothing with the simulator but the elastomers' strain energies, and the tests hold it against
+40-digit arithmetic.
 
 ![Errors over processor time](figures/accuracy.svg)
 
 *{subjects[0].title}. Each line joins the tolerances of one method; δ is the relaxation time of the viscous equations
-over the duration of the ramp. Below 1e-16 a point is drawn at 1e-16.*
+over the duration of the first ramp. An error below 1e-16 is drawn at 1e-16.*
 """
 
 
 def _simulator(rows: Sequence[Row], subjects: Sequence[Subject]) -> str:
-    found = [row for row in rows if row.method == SIMULATOR]
-    failed = [row for row in found if row.failure]
-    tolerances = sorted({row.rtol for row in found}, reverse=True)
+    own = [row for row in rows if row.method == SIMULATOR]
     resting = {subject.name for subject in subjects if not subject.loses_tension}
-    lines = [
-        "| `solver.rtol` | limit-point voltage | limit-point states | landing, at rest | landing, tension lost "
-        "| sampled states | work | IDA steps | residual calls | time |",
-        "|---|---|---|---|---|---|---|---|---|---|",
-    ]
-    for rtol in tolerances:
-        here = [row for row in found if row.rtol == rtol]
-        at_rest = [row for row in here if row.scenario in resting]
+    at_rest = [row for row in own if row.scenario in resting]
+    again = digest.followed_again(own)
+    body = []
+    for rtol in _falling(own):
+        here, there = _at(own, rtol), _at(at_rest, rtol)
         slack = [row for row in here if row.scenario not in resting]
-        cells = [
-            _worst(here, "limit_voltage_error"),
-            _worst(here, "limit_state_error"),
-            _worst(at_rest, "landing_error"),
-            _worst(slack, "landing_error"),
-            _worst(here, "state_error"),
-            _worst(here, "work_error"),
-            _range(row.steps for row in here if not row.failure),
-            _range(row.calls for row in here if not row.failure),
-            f"{_relative_time(rows, here, subjects):.2f}",
-        ]
-        name = f"**{rtol:.0e}** (default)" if rtol == DEFAULT else f"{rtol:.0e}"
-        lines.append(f"| {name} | {' | '.join(cells)} |")
-    states = ("limit_voltage_error", "limit_state_error", "state_error")
-    floor = max(_numbers(found, *states), default=math.nan)
-    work = max(_numbers(found, "work_error"), default=math.nan)
-    landing = max(_numbers([r for r in found if r.scenario in resting], "landing_error"), default=math.nan)
-    text = f"""\
+        body.append(
+            [
+                f"**{rtol:.0e}** (default)" if rtol == DEFAULT else f"{rtol:.0e}",
+                _number(digest.worst(here, "limit_voltage_error")),
+                _number(digest.worst(here, "limit_state_error")),
+                _number(digest.worst(there, "landing_error")),
+                _number(digest.worst(slack, "landing_error")),
+                _number(digest.worst(here, "state_error")),
+                _number(digest.worst(here, "work_error")),
+                _range(row.steps for row in here if not row.failure),
+                _range(row.calls for row in here if not row.failure),
+                str(again.get(rtol, "–")),
+                _ratio(digest.relative_time(rows, here)),
+            ]
+        )
+    header = [
+        "`solver.rtol`",
+        *list(_ERRORS.values())[:2],
+        "landing, at rest",
+        "landing, tension lost",
+        *list(_ERRORS.values())[3:],
+        "IDA steps",
+        "residual calls",
+        "pieces followed again",
+        "time",
+    ]
+    polished = digest.worst(own, "limit_voltage_error", "limit_state_error", "state_error")
+    landing = digest.worst(at_rest, "landing_error")
+    return f"""\
 ## The simulator
 
-The largest errors over all scenarios. Time is relative to the default's, a geometric mean over the scenarios.
+The largest errors over all scenarios. Time is over that at the default, a geometric mean over the scenarios.
 
-{_joined(lines)}
+{_table(header, body)}
 
-**The floor.** IDA only supplies points on the path and the neighbourhood of an event; Newton's method puts all of
-them on the equations. So voltages and states of limit points, sampled states ({floor:.0e} at most) and landings at
-rest ({landing:.0e}) are rounding at every tolerance, and there is no order to speak of. Two numbers are more than
-a solution of equations. Work is a quadrature between IDA's points, with {work:.0e} at the loosest. And where a snap loses
-its tension on the way, the state there depends on the flow, which is then integrated at 1e-11 whatever `solver.rtol`
-says, and in the reference at 1e-10.
+**The floor.** IDA only supplies points near the path and the neighbourhoods of its events; Newton's method puts them on
+the equations. So the limit points and the sampled states ({polished:.0e} at most), and the landings at rest
+({landing:.0e}), are at rounding at every tolerance, and there is no order to speak of. Two numbers are more than
+solutions of equations. The work is a quadrature between the points of the path, {digest.worst(own, "work_error"):.0e} at most.
+And where a snap loses its tension on the way, that state depends on the flow. The simulator integrates it at 1e-11 whatever
+`solver.rtol` says, the reference at 1e-10; their difference is the column *tension lost*.
 
-"""
-    return text + _why_default(rows, found, tolerances, subjects) + _failures(failed)
+{_why_default(rows, own, again)}{_failed(own)}"""
 
 
-def _why_default(
-    rows: Sequence[Row], found: Sequence[Row], tolerances: Sequence[float], subjects: Sequence[Subject]
-) -> str:
+def _why_default(rows: Sequence[Row], own: Sequence[Row], again: dict[float, int]) -> str:
+    tolerances = _falling(own)
     if DEFAULT not in tolerances or len(tolerances) < 2:
         return ""
-    times = {
-        rtol: _relative_time(rows, [r for r in found if r.rtol == rtol], subjects) for rtol in tolerances
-    }
-    works = {
-        rtol: max(_numbers([r for r in found if r.rtol == rtol], "work_error"), default=math.nan)
-        for rtol in tolerances
-    }
+    times = {rtol: digest.relative_time(rows, _at(own, rtol)) for rtol in tolerances}
+    works = {rtol: digest.worst(_at(own, rtol), "work_error") for rtol in tolerances}
     loosest, tightest = tolerances[0], tolerances[-1]
+    clean = [rtol for rtol in tolerances if not any(again.get(r, 0) for r in tolerances if r <= rtol)]
+    retried = (
+        f"From {max(clean):.0e} on no piece of path of these scenarios has to be followed a second time, tighter, because "
+        "its points do not pass the checks."
+        if clean
+        else "At every tolerance some piece of path had to be followed a second time."
+    )
     return f"""\
-**The default, {DEFAULT:.0e}.** It is chosen for reliability at the least cost, not for accuracy, which it does not set.
-Loosening it to {loosest:.0e} changes the time by a factor of {times[loosest]:.2f} and the error of the work from \
-{works[DEFAULT]:.0e} to {works[loosest]:.0e}; tightening
-it to {tightest:.0e} multiplies the time by {times[tightest]:.1f} and leaves every other error where it is.
+**The default, {DEFAULT:.0e},** does not set the accuracy. It is the loosest round number with room to spare in the path's
+checks: {retried[0].lower()}{retried[1:]} At {loosest:.0e} the time is {times[loosest]:.2f} of the default's and the error of the work
+{works[loosest]:.0e} in place of {works[DEFAULT]:.0e}; at {tightest:.0e} the time is {times[tightest]:.1f} times as long and no other error changes.
+
 """
+
+
+def _failed(own: Sequence[Row]) -> str:
+    lines = [f"- `{row.scenario}` at {row.rtol:.0e}: {row.failure}" for row in own if row.failure]
+    if not lines:
+        return f"None of these {len(own)} runs failed or took another history than the exact one.\n"
+    return "**Runs that went wrong:**\n\n" + "\n".join(lines) + "\n"
 
 
 def _unpolished(rows: Sequence[Row], subjects: Sequence[Subject]) -> str:
     methods = [m for m in (UNPOLISHED, SCIPY_DAE) if any(row.method == m for row in rows)]
+    also = (
+        "Also Radau of the package scipy_dae in IDA's place along the path (its snaps are IDA's)."
+        if SCIPY_DAE in methods
+        else "(The package scipy_dae, which would be another integrator, is not installed here.)"
+    )
     parts = [
-        """\
-## The same equations without the polish
+        f"""\
+## The same equations, not polished
 
-IDA's own states, its own root finder at the events, its own landings, on the same arclength equations; read off by
-the cubics through its points. Also Radau of the package scipy_dae in place of IDA."""
-        + ("" if SCIPY_DAE in methods else " (It is not installed here, and left out.)")
+IDA's own states, its own root finder at the events, its own landings, on the same arclength equations; states in between
+are read off the cubics through its points. {also}
+"""
     ]
     for method in methods:
         found = [row for row in rows if row.method == method]
-        tolerances = sorted({row.rtol for row in found}, reverse=True)
-        lines = [
-            f"| {method}: rtol | {' | '.join(s.name for s in subjects)} |",
-            "|---" * (len(subjects) + 1) + "|",
-        ]
-        for rtol in tolerances:
-            cells = [_cell(_one(found, subject.name, rtol)) for subject in subjects]
-            lines.append(f"| {rtol:.0e} | {' | '.join(cells)} |")
-        orders = [
-            f"{label} {_orders(found, subjects, column)}"
-            for column, label in _ERRORS.items()
-            if _orders(found, subjects, column)
-        ]
-        lost = [row for row in found if row.failure]
+        body = []
+        for rtol in _falling(found):
+            cells = [_cell(_at([r for r in found if r.scenario == s.name], rtol)) for s in subjects]
+            body.append([f"{rtol:.0e}", *cells, _ratio(digest.relative_time(rows, _at(found, rtol)))])
+        table = _table(["rtol", *(s.name for s in subjects), "time"], body)
+        measured = {label: digest.orders(found, column) for column, label in _ERRORS.items()}
+        orders = "; ".join(f"{label} {_span(ks)}" for label, ks in measured.items() if ks)
         parts.append(f"""\
-Relative error of the limit-point voltage:
+*{method}.* Relative error of the limit-point voltage, and time over the simulator's at its default:
 
-{_joined(lines)}
+{table}
 
-Measured orders (error ∝ rtol^k, least squares over the tolerances, the range over the scenarios): {"; ".join(orders)}.
-{len(lost)} of {len(found)} runs went wrong{_reasons(lost)}.
+Measured orders k, error ∝ rtol^k, over the scenarios: {orders or "too few errors above rounding"}.
+{_went_wrong(found)}
 """)
     parts.append("""\
-A snap that starts from a limit point known to the tolerance only may fall back, with no error from any solver: it is
-found here because the exact history says otherwise. That, and not the digits, is what the polish is for.
+Where it says *falls back*, a snap that started from a limit point known only to the tolerance came to rest on the branch
+that it had just left. No solver reports an error there; it is noticed here because the exact history says otherwise. That,
+more than the digits, is what the polish is for.
 """)
-    return "\n\n".join(parts)
+    return "\n".join(parts)
 
 
 def _viscous(rows: Sequence[Row], subjects: Sequence[Subject]) -> str:
     found = [row for row in rows if row.method in VISCOUS]
-    delays = sorted({row.delay for row in found}, reverse=True)
-    tolerances = sorted({row.rtol for row in found})
     if not found:
         return ""
-    lines = [
-        f"| δ | {' | '.join(s.name for s in subjects)} | " + " | ".join(f"time, {m}" for m in VISCOUS) + " |",
-        "|---" * (len(subjects) + 1 + len(VISCOUS)) + "|",
-    ]
-    for delay in delays:
+    body = []
+    for delay in sorted({row.delay for row in found}, reverse=True):
         here = [row for row in found if row.delay == delay]
-        cells = [_delay_error([r for r in here if r.scenario == s.name]) for s in subjects]
-        times = [_cheapest(rows, [r for r in here if r.method == m], subjects) for m in VISCOUS]
-        lines.append(f"| {delay:.0e} | {' | '.join([*cells, *times])} |")
-    powers = [
-        p for s in subjects if not math.isnan(p := _delay_power([r for r in found if r.scenario == s.name]))
-    ]
-    lost = [row for row in found if row.failure]
+        errors = [digest.delay_error([r for r in here if r.scenario == s.name]) for s in subjects]
+        times = [
+            digest.relative_time(rows, digest.cheapest([r for r in here if r.method == m])) for m in VISCOUS
+        ]
+        body.append([f"{delay:.0e}", *map(_number, errors), *map(_ratio, times)])
+    table = _table(["δ", *(s.name for s in subjects), *(f"time, {m}" for m in VISCOUS)], body)
+    powers = [digest.delay_power([r for r in found if r.scenario == s.name]) for s in subjects]
+    powers = sorted(k for k in powers if not math.isnan(k))
     scaling = (
-        f"It grows as δ^{min(powers):.2f} to δ^{max(powers):.2f}: the passage of a fold is late by the power 2/3 of "
-        "the ramp's rate (times a logarithm-free constant), and then takes its time ∝ δ."
+        f"It goes as δ^k with k = {_span(powers)} over the scenarios; 2/3 is what passing a fold slowly makes of it, and the "
+        "time of the snap itself adds a part ∝ δ."
         if powers
         else ""
     )
+    tolerances = _falling(found)
     return f"""\
 ## The viscous equations, by SciPy
 
     τ dλᵢ/dt = −gᵢ(λ, φ(t)),   p = n/V − pₑ,   τ = δ T
 
-with T the duration of the scenario's first ramp and g in units of the elastic stress, as in [physics.md](physics.md);
-the voltage goes through the scenario's own ramps, holds and jumps in its own time. Solved by `solve_ivp` with `rtol` from
-{tolerances[-1]:.0e} to {tolerances[0]:.0e}, `atol` a hundredth of it, SciPy's finite-difference Jacobians and an event for p = 0. \
-Inflation is a gift: they start
-from the exact sealed state. There is no event for a limit point, so its voltage is read off where the stretch jumps: on a ramp, a
-snap is a run of the solver's steps in which a stretch changes at more than 30 per ramp duration; its voltage is that in
-the middle of the fastest step; it has landed where the rate has fallen below 3.
+T is the duration of the scenario's first ramp, t its time, g as in [physics.md](physics.md). The voltage takes the scenario's
+own ramps, holds and jumps at its own rate. Solved by SciPy's `solve_ivp` with `rtol` from {tolerances[0]:.0e} to {tolerances[-1]:.0e}, `atol` a
+hundredth of it, its finite-difference Jacobians, dense output, and an event for p = 0. Inflation is a gift: the runs start
+from the exact sealed state. There is no event for a limit point, so it is read off where the stretch jumps: on a ramp,
+a snap is a run of steps in which a stretch changes faster than 30 per duration of the ramp. Its voltage is that in the
+middle of the fastest step, and it has landed where the rate has fallen below 3.
 
-Relative error of the limit-point voltage at the tightest tolerance that came through, and the time of the cheapest run within 10 %
-of it, over the simulator's at its default (geometric mean over the scenarios):
+Relative error of the limit-point voltage at the tightest tolerance that came through (median of the three solvers), and the time of
+the cheapest runs within 10 % of it, over the simulator's at its default:
 
-{_joined(lines)}
+{table}
 
-This error is all delay: no tolerance takes it away. {scaling}
-{len(lost)} of {len(found)} runs went wrong{_reasons(lost)}. At loose tolerances these solvers are quicker than the
-simulator, and a few digits of a limit point may be all that is wanted.
+This error is all delay; no tolerance takes it away. {scaling}
+{_went_wrong(found)} Where a delay of this size is good enough, LSODA is the quickest way to it.
 """
 
 
 def _side_by_side(rows: Sequence[Row], subjects: Sequence[Subject]) -> str:
-    parts = ["## Side by side\n"]
+    viscous = [row.delay for row in rows if row.method in VISCOUS]
     header = ["method", "rtol", *_ERRORS.values(), "steps", "calls", "ms"]
+    parts = [
+        f"""\
+## Side by side
+
+At `rtol` {DEFAULT:.0e}, the viscous equations at {_SHOWN:.0e} and the smallest δ.
+"""
+    ]
     for subject in subjects:
-        here = [row for row in rows if row.scenario == subject.name]
-        lines = [f"| {' | '.join(header)} |", "|---" * len(header) + "|"]
-        for row in here:
-            wanted = DEFAULT if row.method not in VISCOUS else 1e-6
-            tight = row.method in VISCOUS and row.delay == min(r.delay for r in here if r.method in VISCOUS)
-            if not math.isclose(row.rtol, wanted) or not (tight or row.method not in VISCOUS):
-                continue
-            name = row.method if math.isnan(row.delay) else f"viscous, {row.method}, δ = {row.delay:.0e}"
-            if row.failure:
-                blank = " | ".join(["–"] * (len(_ERRORS) - 1))
-                lines.append(f"| {name} | {row.rtol:.0e} | {row.failure} | {blank} | – | – | – |")
-                continue
-            cells = [_number(getattr(row, column)) for column in _ERRORS]
-            cells += [str(row.steps), str(row.calls), f"{row.milliseconds:.1f}"]
-            lines.append(f"| {name} | {row.rtol:.0e} | {' | '.join(cells)} |")
-        parts.append(f"`{subject.name}`: {subject.title}\n\n{_joined(lines)}\n")
+        body = []
+        for row in (row for row in rows if row.scenario == subject.name):
+            if row.method in VISCOUS:
+                wanted = math.isclose(row.rtol, _SHOWN) and row.delay == min(viscous)
+                name = f"viscous, {row.method}, δ = {row.delay:.0e}"
+            else:
+                wanted, name = math.isclose(row.rtol, DEFAULT), row.method
+            if wanted and row.failure:
+                body.append([name, f"{row.rtol:.0e}", row.failure, *["–"] * (len(header) - 3)])
+            elif wanted:
+                errors = [_number(getattr(row, column)) for column in _ERRORS]
+                cost = [str(row.steps), str(row.calls), f"{row.milliseconds:.1f}"]
+                body.append([name, f"{row.rtol:.0e}", *errors, *cost])
+        parts.append(f"`{subject.name}`: {subject.title}\n\n{_table(header, body)}\n")
     return "\n".join(parts)
 
 
@@ -301,193 +306,120 @@ _DEFINITIONS = """\
 ## What the numbers are
 
 - *Limit-point voltage*: |φ − φ_exact|/|φ_exact|, the largest over the history's limit points.
-- *Limit-point states, landing, sampled states*: the largest of |λᵢ − λᵢ,exact|/λᵢ,exact and |p − p_exact| in μH/R, over the states at
-  which a branch ends, those the snaps come to, and the samples that the scenario asks for (101 a step). A landing at
-  rest is an equilibrium; where tension is lost on the way, it is the state at p = 0. Samples between the exact limit point and
-  where a method puts it are on the other side of the snap and are left out: that error is told by the voltage.
-- *Work*: ∫φ dq over the whole history, relative. The reference needs no quadrature: it is what is stored, plus Π before
-  less Π after each jump.
-- *Time*: processor time from the scenario to the whole history with its samples. The simulator's includes the inflation, the
-  energy books and the stability of every sample, and so do the unpolished ones' their inflation (by the simulator).
-- *Steps, calls*: of the integrators, and of their residuals or right-hand sides. Newton's method in the polish is not among
-  them; its time is.
-- A run *goes wrong* where its solver gives up or its limit points are not those of the exact history, one for one.
+- *Limit-point states, landing, sampled states*: the largest of |λᵢ − λᵢ,exact|/λᵢ,exact and |p − p_exact| (in μH/R), over the
+  states at which a branch ends, those that the snaps come to, and the samples that the scenario asks for. A landing at rest is
+  an equilibrium; where tension is lost on the way, it is the state at p = 0. Samples between the exact limit point and
+  where a method puts it are on the other side of the snap, and left out: that error is told by the voltage. The viscous
+  equations have no state of rest at a limit point to compare with.
+- *Work*: ∫φ dq over the whole history, relative. The reference needs no quadrature: it is the change of Π + φq, plus Π
+  before less Π after each jump.
+- *Time*: processor time from the scenario to the whole history with its samples. The simulator's includes inflation, energy
+  books, and the stability of every sample; the unpolished runs' includes inflation (by the simulator).
+- *Steps, calls*: of the integrators, and of their residuals or right-hand sides. Newton's method in the polish is not
+  among the calls; its time is.
+- *Pieces followed again*: IDA solves beyond the fewest that the scenario was followed in at any tolerance.
+- A run *went wrong* where its solver gave up, or its limit points are not those of the exact history one for one.
 """
 
 
 def _left_out(anatomies: Sequence[Anatomy]) -> str:
     if not anatomies:
         return ""
-    lines = [
-        "| scenario | sets of equations | unknowns / event functions | IDA solves | steps | residual calls | libraries loaded | time |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
     unit = next((a.milliseconds for a in anatomies if a.solves), anatomies[0].milliseconds)
-    for a in anatomies:
-        sizes = ", ".join(f"{unknowns} / {events}" for unknowns, events in a.sets) or "none"
-        lines.append(
-            f"| {a.title} | {a.equations} | {sizes} | {a.solves} | {a.steps} | {a.calls} "
-            f"| {', '.join(_principal(a.libraries))} | {a.milliseconds / unit:.2f} |"
-        )
+    body = [
+        [
+            a.title,
+            str(a.equations),
+            ", ".join(f"{unknowns} / {events}" for unknowns, events in a.sets) or "none",
+            str(a.solves),
+            str(a.steps),
+            str(a.calls),
+            ", ".join(_principal(a.libraries)),
+            _ratio(a.milliseconds / unit),
+        ]
+        for a in anatomies
+    ]
+    header = ["scenario", "sets of equations", "unknowns / event functions", "IDA solves", "steps"]
+    table = _table([*header, "residual calls", "libraries loaded", "time"], body)
     common = set(anatomies[0].modules).intersection(*(a.modules for a in anatomies))
-    rooms = sorted({name.partition(".")[0] for name in common})
     others = sorted({name for a in anatomies for name in a.modules} - common)
-    differ = f"besides, in some: {', '.join(others)}" if others else "the same for all of them"
+    also = (
+        f", and in some of them {', '.join(f'`{name}`' for name in others)}"
+        if others
+        else ", in all of them alike"
+    )
+    rooms = ", ".join(f"`{name}`" for name in sorted({name.partition(".")[0] for name in common}))
     return f"""\
 ## What is left out, measured
 
-Each scenario has more in it than the one before. What is assembled is what is named: unknowns (the drive among them) and event functions of each
-different set of equations, and what IDA then did. Time is that of `simulate`, over the first scenario with
+Each scenario has more in it than the one before. Unknowns (the drive among them) and event functions are those of each
+different set of equations; IDA's counts are those of one run; time is that of `simulate`, over the first scenario with
 anything to integrate.
 
-{_joined(lines)}
+{table}
 
-A balloon by itself has no gas law and no pressure among its unknowns, and no loss of tension to look for; without a
-strength there is no breakdown to look for; equal balloons share one set of equations while the valve is open; a hold
-assembles nothing, and where nothing moves the integrator is not even loaded. Ten cycles cost the integration of one: they run on
-branches that are known already, and a sample is an interpolation and Newton's method.
+A balloon by itself has no pressure among its unknowns, no gas law, and no loss of tension to watch for; without a strength there is
+no breakdown to watch for; with the valve open, equal balloons share one set of equations. A hold assembles nothing, and where nothing moves the
+integrator is not even loaded. Cycles run on branches that are known already: ten of them take six pieces of path and flow, as
+one does, and samples.
 
-Modules of the package loaded by `simulate` in a fresh process, {differ}: {", ".join(rooms)}.
-Not among them: `exact`, `accuracy`, `trace`, `fold`, `export`, `plot`, `figures`, `paper`, `explanation`, `terminal`, `cli`; of libraries,
-pandas, matplotlib, typer and rich. scipy comes with scikit-sundae. The tests hold these sets, name by name.
+Modules of the package that `load_scenario` and `simulate` load in a fresh process{also}: {rooms}. Not among them: `exact`,
+`accuracy`, `trace`, `fold`, `explanation`, `export`, `plot`, `figures`, `paper`, `terminal`, `cli`; nor are pandas, matplotlib, typer
+and rich. scipy is loaded by scikit-sundae. The tests hold these sets name by name.
 """
 
 
 def _principal(libraries: Iterable[str]) -> list[str]:
-    """Libraries without those that only their own dependants import."""
-    own = {"annotated_types", "pydantic_core", "typing_extensions", "typing_inspection", "cython_runtime"}
-    return sorted(set(libraries) - own)
+    """Libraries without those that only other libraries import."""
+    inner = {"annotated_types", "pydantic_core", "typing_extensions", "typing_inspection", "cython_runtime"}
+    return sorted(set(libraries) - inner)
 
 
-# -- numbers ---------------------------------------------------------------------------------------------
+# -- words ---------------------------------------------------------------------------------------------
 
 
-def _joined(lines: Sequence[str]) -> str:
-    return "\n".join(lines)
+def _table(header: Sequence[str], body: Iterable[Sequence[str]]) -> str:
+    lines = [header, ["---"] * len(header), *body]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+
+
+def _falling(rows: Iterable[Row]) -> list[float]:
+    return sorted({row.rtol for row in rows}, reverse=True)
+
+
+def _at(rows: Iterable[Row], rtol: float) -> list[Row]:
+    return [row for row in rows if row.rtol == rtol]
 
 
 def _number(value: float) -> str:
     return "–" if math.isnan(value) else f"{value:.1e}"
 
 
-def _numbers(rows: Iterable[Row], *columns: str) -> list[float]:
-    values = [float(getattr(row, column)) for row in rows for column in columns]
-    return [value for value in values if not math.isnan(value)]
+def _ratio(value: float) -> str:
+    return "–" if math.isnan(value) else f"{value:.2f}"
 
 
-def _worst(rows: Iterable[Row], column: str) -> str:
-    return _number(max(_numbers(rows, column), default=math.nan))
+def _span(found: Sequence[float]) -> str:
+    low, high = f"{found[0]:.2f}", f"{found[-1]:.2f}"
+    return low if low == high else f"{low} to {high}"
 
 
-def _range(values: Iterable[int]) -> str:
-    found = sorted(values)
-    if not found:
+def _range(found: Iterable[int]) -> str:
+    ordered = sorted(found)
+    if not ordered:
         return "–"
-    return str(found[0]) if found[0] == found[-1] else f"{found[0]}–{found[-1]}"
+    return str(ordered[0]) if ordered[0] == ordered[-1] else f"{ordered[0]}–{ordered[-1]}"
 
 
-def _one(rows: Iterable[Row], scenario: str, rtol: float) -> Row | None:
-    return next((row for row in rows if row.scenario == scenario and row.rtol == rtol), None)
-
-
-def _cell(row: Row | None) -> str:
-    if row is None:
+def _cell(rows: Sequence[Row]) -> str:
+    if not rows:
         return "–"
-    return (
-        "falls back"
-        if "falls back" in row.failure
-        else "fails"
-        if row.failure
-        else _number(row.limit_voltage_error)
-    )
+    if rows[0].failure:
+        return "falls back" if "falls back" in rows[0].failure else "fails"
+    return _number(rows[0].limit_voltage_error)
 
 
-def _relative_time(rows: Sequence[Row], chosen: Sequence[Row], subjects: Sequence[Subject]) -> float:
-    """Geometric mean over the scenarios of the times over the simulator's at its default (or at its nearest)."""
-    ratios = []
-    for subject in subjects:
-        own = [r for r in rows if r.method == SIMULATOR and r.scenario == subject.name and not r.failure]
-        times = [r.milliseconds for r in chosen if r.scenario == subject.name and not r.failure]
-        if own and times:
-            default = min(own, key=lambda r: abs(math.log(r.rtol / DEFAULT)))
-            ratios.append(min(times) / default.milliseconds)
-    return statistics.geometric_mean(ratios) if ratios else math.nan
-
-
-def order(rtols: Sequence[float], found: Sequence[float]) -> float:
-    """k in error ∝ rtol^k by least squares; NaN from fewer than three errors above rounding."""
-    points = [(math.log(r), math.log(e)) for r, e in zip(rtols, found, strict=True) if e > _ROUNDING]
-    if len(points) < 3:
-        return math.nan
-    x, y = np.array(points).T
-    return float(np.polyfit(x, y, 1)[0])
-
-
-def _orders(rows: Sequence[Row], subjects: Sequence[Subject], column: str) -> str:
-    orders = []
-    for subject in subjects:
-        here = [r for r in rows if r.scenario == subject.name and not math.isnan(getattr(r, column))]
-        found = order([r.rtol for r in here], [getattr(r, column) for r in here])
-        if not math.isnan(found):
-            orders.append(found)
-    return f"{min(orders):.2f} to {max(orders):.2f}" if orders else ""
-
-
-def _tightest(rows: Sequence[Row]) -> list[Row]:
-    """Of each method, the run at the tightest tolerance that came through."""
-    good = [row for row in rows if not row.failure]
-    methods = dict.fromkeys(row.method for row in good)
-    return [min((r for r in good if r.method == m), key=lambda r: r.rtol) for m in methods]
-
-
-def _delay_error(rows: Sequence[Row]) -> str:
-    found = _numbers(_tightest(rows), "limit_voltage_error")
-    return _number(statistics.median(found)) if found else "–"
-
-
-def _delay_power(rows: Sequence[Row]) -> float:
-    """k in error ∝ δ^k of one scenario, between the smallest and the largest δ."""
-    delays = sorted({row.delay for row in rows})
-    found = [
-        (delay, statistics.median(errors))
-        for delay in delays
-        if (errors := _numbers(_tightest([r for r in rows if r.delay == delay]), "limit_voltage_error"))
-    ]
-    if len(found) < 2:
-        return math.nan
-    (d0, e0), (d1, e1) = found[0], found[-1]
-    return math.log(e1 / e0) / math.log(d1 / d0)
-
-
-def _cheapest(rows: Sequence[Row], chosen: Sequence[Row], subjects: Sequence[Subject]) -> str:
-    """Time of the cheapest runs of a method whose limit-point error is within 10 % of its tightest run's."""
-    best = []
-    for subject in subjects:
-        here = [row for row in chosen if row.scenario == subject.name and not row.failure]
-        if here:
-            limit = min(here, key=lambda r: r.rtol).limit_voltage_error
-            close = [row for row in here if abs(row.limit_voltage_error - limit) <= 0.1 * limit]
-            best.append(min(close, key=lambda r: r.milliseconds))
-    ratio = _relative_time(rows, best, subjects)
-    return "–" if math.isnan(ratio) else f"{ratio:.2f}"
-
-
-def _reasons(rows: Sequence[Row]) -> str:
-    if not rows:
-        return ""
-    counts: dict[str, int] = {}
-    for row in rows:
-        reason = (
-            "other limit points than the exact ones"
-            if row.failure.startswith("limit points")
-            else row.failure
-        )
-        counts[reason] = counts.get(reason, 0) + 1
-    return ": " + "; ".join(f"{count} × {reason.rstrip('.')}" for reason, count in counts.items())
-
-
-def _failures(rows: Sequence[Row]) -> str:
-    if not rows:
-        return "No run of the simulator failed, and none took another history than the exact one.\n"
-    lines = [f"- `{row.scenario}` at {row.rtol:.0e}: {row.failure}" for row in rows]
-    return "\n**Runs of the simulator that went wrong:**\n\n" + "\n".join(lines) + "\n"
+def _went_wrong(rows: Sequence[Row]) -> str:
+    lost = sum(bool(row.failure) for row in rows)
+    why = "; ".join(f"{count} × {reason}" for reason, count in digest.reasons(rows).items())
+    return f"{lost} of {len(rows)} runs went wrong{': ' + why if why else ''}."

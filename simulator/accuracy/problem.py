@@ -115,12 +115,15 @@ class Samples:
 
 @dataclass(frozen=True)
 class Solution:
-    """What a method found, and the solver's steps and right-hand sides (or residuals) that it took."""
+    """What a method found; and the pieces that its solver was handed, its steps in them, and its calls of the
+    right-hand side or residual.
+    """
 
     limit_points: tuple[LimitPoint, ...]
     samples: Samples
     work: float
     loses_tension: bool
+    solves: int
     steps: int
     calls: int
 

@@ -48,8 +48,8 @@ class Row:
         Median processor time of the whole history; NaN where the method failed.
     repetitions : int
         That it is the median of.
-    steps, calls : int
-        Of the solver, and of its residual or right-hand side.
+    solves, steps, calls : int
+        Pieces handed to the solver, its steps in them, and its calls of the residual or right-hand side.
     failure : str
         Why there is no solution, or none with the right events; empty where there is.
     """
@@ -65,6 +65,7 @@ class Row:
     work_error: float
     milliseconds: float
     repetitions: int
+    solves: int
     steps: int
     calls: int
     failure: str
@@ -84,6 +85,7 @@ class _Case:
     solve: Callable[[], Any]
     read: Callable[[Any], Solution]
     errors: Errors | None = None
+    solves: int = 0
     steps: int = 0
     calls: int = 0
     failure: str = ""
@@ -102,7 +104,7 @@ class _Case:
             self.seconds.append(time.process_time() - begun)
             if self.errors is None:
                 solution = self.read(found)
-                self.steps, self.calls = solution.steps, solution.calls
+                self.solves, self.steps, self.calls = solution.solves, solution.steps, solution.calls
                 self.errors = errors(self.task, solution)
         except (ArithmeticError, ValueError, RuntimeError) as failure:
             self.failure = " ".join(str(failure).split()) or type(failure).__name__
@@ -112,12 +114,24 @@ class _Case:
         return bool(self.failure) or sum(self.seconds) > _MOST_SECONDS
 
     def row(self) -> Row:
-        nothing = (math.nan,) * len(fields(Errors))
-        found = astuple(self.errors) if self.errors is not None and not self.failure else nothing
-        taken = math.nan if self.failure else 1e3 * statistics.median(self.seconds)
-        repeated = len(self.seconds) if not self.failure else 0
-        words = (self.task.name, self.method, self.delay, self.rtol)
-        return Row(*words, *found, taken, repeated, self.steps, self.calls, self.failure)
+        found = self.errors if self.errors is not None and not self.failure else Errors(*[math.nan] * 5)
+        return Row(
+            self.task.name,
+            self.method,
+            self.delay,
+            self.rtol,
+            found.limit_voltage,
+            found.limit_state,
+            found.landing,
+            found.state,
+            found.work,
+            math.nan if self.failure else 1e3 * statistics.median(self.seconds),
+            0 if self.failure else len(self.seconds),
+            self.solves,
+            self.steps,
+            self.calls,
+            self.failure,
+        )
 
 
 def has_scipy_dae() -> bool:

@@ -139,9 +139,9 @@ def integrated(task: Task, method: Method, delay: float, rtol: float) -> Run:
 def read(task: Task, run: Run) -> Solution:
     """A viscous history as a solution, with its snaps where the active stretch runs fastest.
 
-    On a ramp a snap is a run of steps in which the larger |Δλᵢ|/Δt times the ramp's duration is above 30, and in which λ₁
-    moves by more than 0.1. Its voltage is that in the middle of the fastest of them, and it has landed
-    where that has fallen below 3, or slows down no more. There is no state of rest before it to be compared with.
+    On a ramp a snap is a run of steps in which the larger |Δλᵢ|/Δt times the ramp's duration is above 30, and
+    in which λ₁ moves by more than 0.1. Its voltage is that in the middle of the fastest of them; it has landed
+    where that rate has fallen below 3, or falls no more. There is no state of rest before it to compare with.
     """
     equations = run.equations
     found: list[LimitPoint] = []
@@ -178,6 +178,7 @@ def read(task: Task, run: Run) -> Solution:
         Samples(*(np.concatenate([s[k] for s in samples], axis=-1) for k in range(4))),
         float(equations.capacitance * end**2 * last.y[0, -1] ** 4) - moved,
         slack,
+        sum(result is not None for result in run.results),
         steps,
         calls,
     )
