@@ -264,7 +264,7 @@ def accuracy(
             show_default="1e-3, 1e-5, 1e-7",
         ),
     ] = None,
-    repeat: Annotated[int, typer.Option(min=1, metavar="N", help="Repetitions of every run.")] = 7,
+    repeat: Annotated[int, typer.Option(min=1, metavar="N", help="Repetitions of every run.")] = 5,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> None:
     """Measure error against run time, beside SciPy's solvers; write accuracy.md, figure and table."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from simulator.accuracy.left_out import anatomies
-from simulator.accuracy.page import Subject, machine, page
+from simulator.accuracy.page import Subject, accuracy_page, machine
 from simulator.accuracy.problem import load_task
 from simulator.accuracy.study import DELAYS, REPETITIONS, TOLERANCES, measure, to_csv
 from simulator.scenario import load_scenario
@@ -55,7 +55,7 @@ def accuracy_files(
     tasks = [load_task(load_scenario(file)) for file in scenarios]
     rows = measure(tasks, tolerances, delays, repetitions, progress)
     subjects = [Subject(task.name, task.scenario.title, task.loses_tension) for task in tasks]
-    text = page(rows, subjects, anatomies(), machine())
+    text = accuracy_page(rows, subjects, anatomies(), machine())
     pictures = picture(rows, subjects[0].name, subjects[0].title, "accuracy")
     contents = (text.encode(), to_csv(rows).encode(), pictures["accuracy.svg"], pictures["accuracy.png"])
     return dict(zip(FILES, contents, strict=True))

@@ -81,7 +81,7 @@ def relative_time(rows: Sequence[Row], chosen: Sequence[Row]) -> float:
 
 
 def cheapest(rows: Sequence[Row]) -> list[Row]:
-    """Of one method, the cheapest run of each scenario whose limit point is within 10 % of its tightest run's."""
+    """Of one method, each scenario's cheapest run with an error within 10 % of its tightest run's."""
     found = []
     for scenario in dict.fromkeys(row.scenario for row in rows):
         here = [row for row in rows if row.scenario == scenario and not row.failure]

@@ -1,4 +1,4 @@
-"""What a scenario does not name costs nothing: five scenarios, each with more in it, measured.
+"""What a scenario does not name costs nothing: scenarios, each with more in it than the last, measured.
 
 Each is run once in a fresh process, which tells what it imported, and several times in this one, which tells
 what it cost.
@@ -15,15 +15,20 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from simulator.explanation import assembled
 from simulator.scenario import load_scenario
 from simulator.simulation import simulate
 
+if TYPE_CHECKING:
+    from simulator.scenario import Scenario
+
 _GENT = {"model": "gent", "J_lim": 100}
 _PASSIVE = {"name": "passive", "elastomer": _GENT}
 _ACTIVE = {"name": "active", "electrodes": True, "elastomer": _GENT}
+_BREAKABLE = _ACTIVE | {"breakdown": {"field": 50.0}}  # a field that is not reached
+_CYCLE = [{"ramp": 0.4}, {"hold": 1}, {"ramp": 0.0}]
 _OUTPUT = {"points": 11}
 
 
@@ -47,15 +52,20 @@ SCENARIOS: tuple[dict[str, Any], ...] = (
     ),
     _scenario("a sealed pair, one ramp", [_ACTIVE, _PASSIVE], [{"inflate": 1.2}, {"ramp": 0.3}]),
     _scenario(
-        "a sealed pair with a breakdown strength, ten cycles with both snaps",
-        [_ACTIVE | {"breakdown": {"field": 50.0}}, _PASSIVE],
-        [{"inflate": 1.2}, {"cycle": 10, "steps": [{"ramp": 0.4}, {"hold": 1}, {"ramp": 0.0}]}],
+        "a sealed pair with a breakdown strength, up and down over both snaps",
+        [_BREAKABLE, _PASSIVE],
+        [{"inflate": 1.2}, *_CYCLE],
+    ),
+    _scenario(
+        "the same, ten cycles",
+        [_BREAKABLE, _PASSIVE],
+        [{"inflate": 1.2}, {"cycle": 10, "steps": _CYCLE}],
     ),
     _scenario(
         "three balloons, two actuators with their own voltages and strengths, one cycle",
         [
-            {**_ACTIVE, "name": "left", "breakdown": {"field": 50.0}},
-            {**_ACTIVE, "name": "right", "radius": 0.9, "breakdown": {"field": 50.0}},
+            _BREAKABLE | {"name": "left"},
+            _BREAKABLE | {"name": "right", "radius": 0.9},
             _PASSIVE,
         ],
         [
@@ -108,9 +118,15 @@ class Anatomy:
     milliseconds: float
 
 
-def anatomies(repetitions: int = 15) -> list[Anatomy]:
-    """All scenarios taken apart; times are medians of interleaved repetitions."""
-    loaded = [load_scenario(written) for written in SCENARIOS]
+def sets(scenario: Scenario) -> list[tuple[int, int]]:
+    """Unknowns and event functions of every different set of equations of a scenario; nothing is solved."""
+    groups = {group.equations: group for step in assembled(scenario) for group in step.groups}
+    return [(g.equations.scales.size, len(g.conditions)) for g in groups.values()]
+
+
+def anatomies(scenarios: Sequence[dict[str, Any]] = SCENARIOS, repetitions: int = 15) -> list[Anatomy]:
+    """Scenarios taken apart; times are medians of interleaved repetitions."""
+    loaded = [load_scenario(written) for written in scenarios]
     histories = [simulate(scenario) for scenario in loaded]
     seconds: list[list[float]] = [[] for _ in loaded]
     for _ in range(repetitions):
@@ -119,16 +135,15 @@ def anatomies(repetitions: int = 15) -> list[Anatomy]:
             simulate(scenario)
             taken.append(time.process_time() - begun)
     found = []
-    for written, scenario, history, taken in zip(SCENARIOS, loaded, histories, seconds, strict=True):
-        groups = {group.equations: group for step in assembled(scenario) for group in step.groups}
-        sets = [(g.equations.scales.size, len(g.conditions)) for g in groups.values()]
-        modules, libraries = imported(written)
+    loads = imported(scenarios)
+    for scenario, history, taken, (modules, libraries) in zip(loaded, histories, seconds, loads, strict=True):
+        different = sets(scenario)
         counts = history.statistics
         found.append(
             Anatomy(
                 scenario.title,
-                tuple(dict.fromkeys(sets)),
-                len(sets),
+                tuple(dict.fromkeys(different)),
+                len(different),
                 counts.ida_solves,
                 counts.ida_steps,
                 counts.residual_calls,
@@ -140,27 +155,36 @@ def anatomies(repetitions: int = 15) -> list[Anatomy]:
     return found
 
 
-def imported(written: dict[str, Any]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Modules of this package and other packages that a scenario's run loads in a fresh process.
+def imported(scenarios: Sequence[dict[str, Any]]) -> list[tuple[tuple[str, ...], tuple[str, ...]]]:
+    """Modules of this package, and other packages, that the run of each scenario loads in a fresh process.
 
     Raises
     ------
     RuntimeError
-        If that process fails.
+        If a process fails.
     """
     home = str(Path(__file__).parent.parent.parent)
     paths = [home, *filter(None, [os.environ.get("PYTHONPATH")])]
-    done = subprocess.run(
-        [sys.executable, "-c", _PROGRAM],
-        input=json.dumps(written),
-        capture_output=True,
-        text=True,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
-        check=False,
-    )
-    if done.returncode:
-        raise RuntimeError(f"a process that runs {written['title']!r} failed: {done.stderr.strip()}")
-    names: list[str] = json.loads(done.stdout)
-    modules = tuple(name.partition(".")[2] for name in names if name.startswith("simulator."))
-    tops = {name.partition(".")[0] for name in names} - set(sys.stdlib_module_names) - {"simulator"}
-    return modules, tuple(sorted(name for name in tops if not name.startswith("_")))
+    pipes: dict[str, Any] = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    processes = [
+        subprocess.Popen(
+            [sys.executable, "-c", _PROGRAM],
+            text=True,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
+            **pipes,
+        )
+        for _ in scenarios
+    ]
+    found, failures = [], []
+    for written, process in zip(scenarios, processes, strict=True):
+        printed, complaint = process.communicate(json.dumps(written))
+        if process.returncode:
+            failures.append(f"a process that runs {written['title']!r} failed: {complaint.strip()}")
+            continue
+        names: list[str] = json.loads(printed)
+        modules = tuple(name.partition(".")[2] for name in names if name.startswith("simulator."))
+        tops = {name.partition(".")[0] for name in names} - set(sys.stdlib_module_names) - {"simulator"}
+        found.append((modules, tuple(sorted(name for name in tops if not name.startswith("_")))))
+    if failures:
+        raise RuntimeError("\n".join(failures))
+    return found

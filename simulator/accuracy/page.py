@@ -58,7 +58,9 @@ def _version(name: str) -> str:
         return ""
 
 
-def page(rows: Sequence[Row], subjects: Sequence[Subject], anatomies: Sequence[Anatomy], where: str) -> str:
+def accuracy_page(
+    rows: Sequence[Row], subjects: Sequence[Subject], anatomies: Sequence[Anatomy], where: str
+) -> str:
     """The page.
 
     Parameters
@@ -152,9 +154,9 @@ The largest errors over all scenarios. Time is over that at the default, a geome
 {_table(header, body)}
 
 **The floor.** IDA only supplies points near the path and the neighbourhoods of its events; Newton's method puts them on
-the equations. So the limit points and the sampled states ({polished:.0e} at most), and the landings at rest
-({landing:.0e}), are at rounding at every tolerance, and there is no order to speak of. Two numbers are more than
-solutions of equations. The work is a quadrature between the points of the path, {digest.worst(own, "work_error"):.0e} at most.
+the equations. So the limit points and the sampled states ({_number(polished)} at most), and the landings at rest
+({_number(landing)}), are at rounding at every tolerance, and there is no order to speak of. Two numbers are more than
+solutions of equations. The work is a quadrature between the points of the path, {_number(digest.worst(own, "work_error"))} at most.
 And where a snap loses its tension on the way, that state depends on the flow. The simulator integrates it at 1e-11 whatever
 `solver.rtol` says, the reference at 1e-10; their difference is the column *tension lost*.
 
@@ -177,8 +179,8 @@ def _why_default(rows: Sequence[Row], own: Sequence[Row], again: dict[float, int
     )
     return f"""\
 **The default, {DEFAULT:.0e},** does not set the accuracy. It is the loosest round number with room to spare in the path's
-checks: {retried[0].lower()}{retried[1:]} At {loosest:.0e} the time is {times[loosest]:.2f} of the default's and the error of the work
-{works[loosest]:.0e} in place of {works[DEFAULT]:.0e}; at {tightest:.0e} the time is {times[tightest]:.1f} times as long and no other error changes.
+checks: {retried[0].lower()}{retried[1:]} At {loosest:.0e} the time is {_ratio(times[loosest])} of the default's and the error of the work
+{_number(works[loosest])} in place of {_number(works[DEFAULT])}; at {tightest:.0e} the time is {_ratio(times[tightest])} times as long and no other error changes.
 
 """
 
@@ -202,7 +204,8 @@ def _unpolished(rows: Sequence[Row], subjects: Sequence[Subject]) -> str:
 ## The same equations, not polished
 
 IDA's own states, its own root finder at the events, its own landings, on the same arclength equations; states in between
-are read off the cubics through its points. {also}
+are read off the cubics through its points. A snap is started off its limit point along the soft mode, by a stretch of 0.01 or
+√rtol if that is more. {also}
 """
     ]
     for method in methods:
@@ -360,8 +363,8 @@ anything to integrate.
 
 A balloon by itself has no pressure among its unknowns, no gas law, and no loss of tension to watch for; without a strength there is
 no breakdown to watch for; with the valve open, equal balloons share one set of equations. A hold assembles nothing, and where nothing moves the
-integrator is not even loaded. Cycles run on branches that are known already: ten of them take six pieces of path and flow, as
-one does, and samples.
+integrator is not even loaded. Cycles run on branches that are known already: ten of them integrate what one does, and the rest
+is reading samples off.
 
 Modules of the package that `load_scenario` and `simulate` load in a fresh process{also}: {rooms}. Not among them: `exact`,
 `accuracy`, `trace`, `fold`, `explanation`, `export`, `plot`, `figures`, `paper`, `terminal`, `cli`; nor are pandas, matplotlib, typer

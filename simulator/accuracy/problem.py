@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,8 @@ from simulator.scenario import Hold, Inflate, Problem, Ramp, ScenarioError, dura
 from simulator.scenario import Jump as JumpStep
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from simulator.exact import ReferenceEvent, ReferenceHistory
     from simulator.scenario import PlayedStep, Scenario
 
@@ -130,7 +133,7 @@ class Solution:
 
 @dataclass(frozen=True)
 class Errors:
-    """How far a solution is from the exact one, at most.
+    """How far a solution is from the exact one, at most; NaN from a method that has no such state.
 
     Attributes
     ----------
@@ -138,7 +141,7 @@ class Errors:
         |φ − φ_exact|/|φ_exact| of the limit points.
     limit_state, landing, state : float
         Of the states at the limit points, of those they snap to, and of the samples: the largest of
-        |λᵢ − λᵢ,exact|/λᵢ,exact and |p − p_exact| (in μH/R). NaN from a method without such states.
+        |λᵢ − λᵢ,exact|/λᵢ,exact and |p − p_exact| (in μH/R).
     work : float
         |W − W_exact|/|W_exact|, W = ∫φ dq over the whole history.
     """
@@ -181,7 +184,7 @@ def load_task(scenario: Scenario) -> Task:
         reference = reference_history(pair, turns)
     except ValueError as error:
         raise ScenarioError(scenario.file, Problem("", None, f"no exact history: {error}")) from None
-    name = scenario.title if scenario.file == "<dict>" else _stem(scenario.file)
+    name = scenario.title if scenario.file == "<dict>" else Path(scenario.file).stem
     task = Task(name, scenario, inflations, tuple(legs), pair, reference, _work(pair, reference))
     if not task.limit_points:
         problem = Problem("step", None, "must take the voltage over a limit point; there is none on the way")
@@ -214,12 +217,6 @@ def _check(scenario: Scenario, steps: list[PlayedStep], inflations: int) -> None
         raise ScenarioError(scenario.file, *problems)
 
 
-def _stem(file: str) -> str:
-    from pathlib import Path
-
-    return Path(file).stem
-
-
 def _fractions(scenario: Scenario, lasts: float) -> FloatArray:
     every = scenario.output.every
     count = scenario.output.points if every is None else max(2, round(lasts / every) + 1)
@@ -250,12 +247,17 @@ def errors(task: Task, solution: Solution) -> Errors:
         raise WrongHistory(f"tension is {'kept' if task.loses_tension else 'lost'}")
     pairs = list(zip(exact, found, strict=True))
     return Errors(
-        limit_voltage=max(abs(f.voltage - e.voltage) / abs(e.voltage) for e, f in pairs),
-        limit_state=max(_distance(f.before, e.before) for e, f in pairs),
-        landing=max(_distance(f.after, e.after) for e, f in pairs),
+        limit_voltage=_largest([abs(f.voltage - e.voltage) / abs(e.voltage) for e, f in pairs]),
+        limit_state=_largest([_distance(f.before, e.before) for e, f in pairs]),
+        landing=_largest([_distance(f.after, e.after) for e, f in pairs]),
         state=_state_error(task, solution.samples),
         work=abs(solution.work - task.work) / abs(task.work),
     )
+
+
+def _largest(found: Sequence[float]) -> float:
+    """The largest; NaN if one is NaN (the built-in `max` would pass it over) or there is none."""
+    return float(np.max(found)) if found else np.nan
 
 
 def _steps(task: Task, events: tuple[ReferenceEvent, ...] | tuple[LimitPoint, ...]) -> str:
@@ -284,10 +286,10 @@ def _state_error(task: Task, samples: Samples) -> float:
     turns = [e for e in reference.events if e.after is not None]
     begins = [0.0, *(task.position(e.leg, e.voltage) for e in turns)]
     ends = [*begins[1:], float(len(task.legs))]
-    worst = 0.0
+    found = []
     for stay, segment in enumerate(reference.segments):
         on = (samples.jumps == stay) & (samples.position > begins[stay]) & (samples.position < ends[stay])
         if np.any(on):
             exact = states_on(task.pair, segment, np.abs(samples.voltage[on]))
-            worst = max(worst, float(np.max(_deviation(samples.states[:, on], exact))))
-    return worst
+            found.append(float(np.max(_deviation(samples.states[:, on], exact))))
+    return _largest(found)

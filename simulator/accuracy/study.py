@@ -19,7 +19,7 @@ from simulator.scenario import Solver
 
 TOLERANCES = tuple(10.0**-k for k in range(2, 11))
 DELAYS = (1e-3, 1e-5, 1e-7)
-REPETITIONS = 7
+REPETITIONS = 5
 DEFAULT = Solver().rtol
 
 SIMULATOR = "simulator"

@@ -140,8 +140,9 @@ def read(task: Task, run: Run) -> Solution:
     """A viscous history as a solution, with its snaps where the active stretch runs fastest.
 
     On a ramp a snap is a run of steps in which the larger |Δλᵢ|/Δt times the ramp's duration is above 30, and
-    in which λ₁ moves by more than 0.1. Its voltage is that in the middle of the fastest of them; it has landed
-    where that rate has fallen below 3, or falls no more. There is no state of rest before it to compare with.
+    in which λ₁ moves by more than 0.1. Its voltage is that in the middle of the fastest of them; it has
+    landed where that rate has fallen below 3, or falls no more. There is no state of rest before it to
+    compare with.
     """
     equations = run.equations
     found: list[LimitPoint] = []
