@@ -83,6 +83,15 @@ def test_scipy_dae_agrees_where_it_is_installed(rows):
     assert found[-1].limit_voltage_error < 1e-6 < found[0].limit_voltage_error
 
 
+def test_without_scipy_dae_it_is_left_out_and_said(task, monkeypatch):
+    monkeypatch.setattr(study, "has_scipy_dae", lambda: False)
+    found = study.measure([task], [1e-3], [], repetitions=1)
+    assert [row.method for row in found] == [study.SIMULATOR, study.UNPOLISHED]
+    subject = page.Subject(task.name, task.scenario.title, task.loses_tension)
+    text = page.accuracy_page(found, [subject], [], "nowhere")
+    assert "The package scipy_dae, which would be another integrator, is not installed here." in text
+
+
 @pytest.mark.parametrize("method", study.VISCOUS)
 def test_viscous_delay_goes_as_the_two_thirds_power(rows, method):
     found = of(rows, method)

@@ -105,7 +105,7 @@ path to follow. It shares nothing with the simulator but the elastomers' strain 
 ![Errors over processor time](figures/accuracy.svg)
 
 *{subjects[0].title}. Each line joins the tolerances of one method; δ is the relaxation time of the viscous equations
-over the duration of the first ramp. An error below 1e-16 is drawn at 1e-16.*
+over the duration of the first ramp. An error below 1e-16 is drawn at 1e-16. A line is broken where a run went wrong.*
 """
 
 

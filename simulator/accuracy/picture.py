@@ -8,6 +8,7 @@ from io import BytesIO
 from typing import TYPE_CHECKING, Any, cast
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
@@ -36,6 +37,14 @@ _STYLES: dict[str, dict[str, Any]] = {
     "LSODA": {"color": "#D55E00", "marker": "^", "markersize": 5.5},
     "BDF": {"color": "#E69F00", "marker": "v", "markersize": 5.5},
     "Radau": {"color": "#CC79A7", "marker": ">", "markersize": 5.5},
+}
+_RING: dict[str, Any] = {
+    "color": "#000000",
+    "marker": "o",
+    "markersize": 13.0,
+    "markerfacecolor": "none",
+    "linestyle": "none",
+    "zorder": 6,
 }
 _NAMES = {name: f"viscous, SciPy's {name}" for name in ("LSODA", "BDF", "Radau")}
 _FLOOR = 1e-16  # an error below this is drawn at it: the axis has no zero
@@ -100,21 +109,20 @@ def plot_errors(rows: Sequence[Row], column: str, ax: Axes) -> Axes:
     """
     ax.set_xscale("log")
     ax.set_yscale("log")
-    lines: dict[tuple[str, float], list[tuple[float, float, float]]] = {}
+    lines: dict[tuple[str, float], list[Row]] = {}
     for row in rows:
-        error = float(getattr(row, column))
-        if not math.isnan(error):
-            key = (row.method, 0.0 if math.isnan(row.delay) else row.delay)
-            lines.setdefault(key, []).append((row.milliseconds, max(error, _FLOOR), row.rtol))
-    for (method, _), points in lines.items():
-        times, values, tolerances = zip(*points, strict=True)
+        lines.setdefault((row.method, 0.0 if math.isnan(row.delay) else row.delay), []).append(row)
+    for (method, _), runs in lines.items():
+        # A run that went wrong is not a number, and breaks its line.
+        heights = np.maximum([float(getattr(run, column)) for run in runs], _FLOOR).tolist()
         name = _NAMES.get(method, method)
-        ax.plot(times, values, label=name, **({"linewidth": 1.1} | _STYLES[method]))
-        if method == SIMULATOR and DEFAULT in tolerances:
-            at = tolerances.index(DEFAULT)
-            ring = {"marker": "o", "markersize": 13.0, "markerfacecolor": "none", "linestyle": "none"}
-            label = f"simulator's default, rtol = {DEFAULT:g}"
-            ax.plot(times[at], values[at], color="#000000", label=label, zorder=6, **cast("Any", ring))
+        ax.plot(
+            [run.milliseconds for run in runs], heights, label=name, **({"linewidth": 1.1} | _STYLES[method])
+        )
+        for run, height in zip(runs, heights, strict=True):
+            if method == SIMULATOR and run.rtol == DEFAULT:
+                label = rf"its default, rtol = $10^{{{round(math.log10(DEFAULT))}}}$"
+                ax.plot(run.milliseconds, height, label=label, **_RING)
     _tell_delays(rows, column, ax)
     ax.set_ylim(0.4 * _FLOOR, 0.5)
     ax.yaxis.set_minor_locator(NullLocator())
@@ -139,7 +147,9 @@ def _tell_delays(rows: Sequence[Row], column: str, ax: Axes) -> None:
                 textcoords="offset points",
                 va="center",
             )
-    ax.margins(x=0.18)
+    times = [row.milliseconds for row in rows if not row.failure]
+    if times:  # with room for the words
+        ax.set_xlim(0.6 * min(times), 3.0 * max(times))
 
 
 def files(figure: Figure, name: str) -> dict[str, bytes]:
