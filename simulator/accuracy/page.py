@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import platform
+import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -83,7 +84,7 @@ def accuracy_page(
         _DEFINITIONS,
         _left_out(anatomies),
     ]
-    return "\n".join(part for part in parts if part)
+    return _wrapped("\n".join(part for part in parts if part))
 
 
 def _head(subjects: Sequence[Subject], where: str) -> str:
@@ -254,6 +255,7 @@ def _viscous(rows: Sequence[Row], subjects: Sequence[Subject]) -> str:
         if powers
         else ""
     )
+    quickest = min(VISCOUS, key=lambda m: digest.mean_time([row for row in found if row.method == m]))
     tolerances = _falling(found)
     return f"""\
 ## The viscous equations, by SciPy
@@ -273,7 +275,7 @@ the cheapest runs within 10 % of it, over the simulator's at its default:
 {table}
 
 This error is all delay; no tolerance takes it away. {scaling}
-{_went_wrong(found)} Where a delay of this size is good enough, LSODA is the quickest way to it.
+{_went_wrong(found)} Where a delay of this size is good enough, {quickest} is the quickest way to it.
 """
 
 
@@ -301,7 +303,7 @@ At `rtol` {DEFAULT:.0e}, the viscous equations at {_SHOWN:.0e} and the smallest 
                 errors = [_number(getattr(row, column)) for column in _ERRORS]
                 cost = [str(row.steps), str(row.calls), f"{row.milliseconds:.1f}"]
                 body.append([name, f"{row.rtol:.0e}", *errors, *cost])
-        parts.append(f"`{subject.name}`: {subject.title}\n\n{_table(header, body)}\n")
+        parts.append(f"\n`{subject.name}`: {subject.title}\n\n{_table(header, body)}\n")
     return "\n".join(parts)
 
 
@@ -379,6 +381,22 @@ def _principal(libraries: Iterable[str]) -> list[str]:
 
 
 # -- words ---------------------------------------------------------------------------------------------
+
+
+def _wrapped(text: str) -> str:
+    """Paragraphs filled to the width of the other pages; numbers have no fixed length."""
+    blocks = []
+    for block in text.strip("\n").split("\n\n"):
+        if block.startswith("- "):
+            items = block.removeprefix("- ").split("\n- ")
+            blocks.append("\n".join(f"- {_fill(item, '  ')}" for item in items))
+        else:
+            blocks.append(block if block.startswith(("|", "#", "!", "    ")) else _fill(block, ""))
+    return "\n\n".join(blocks) + "\n"
+
+
+def _fill(words: str, indent: str) -> str:
+    return textwrap.fill(words, 118, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
 
 def _table(header: Sequence[str], body: Iterable[Sequence[str]]) -> str:
