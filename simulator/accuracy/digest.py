@@ -93,7 +93,7 @@ def cheapest(rows: Sequence[Row]) -> list[Row]:
 
 
 def mean_time(rows: Sequence[Row]) -> float:
-    """Geometric mean of the times of each scenario's and delay's cheapest run, see `cheapest`; inf of none."""
+    """Geometric mean of the times of the cheapest runs at each delay; inf of none."""
     delays = {row.delay for row in rows}
     times = [r.milliseconds for d in delays for r in cheapest([row for row in rows if row.delay == d])]
     return statistics.geometric_mean(times) if times else math.inf

@@ -181,7 +181,7 @@ def _why_default(rows: Sequence[Row], own: Sequence[Row], again: dict[float, int
     return f"""\
 **The default, {DEFAULT:.0e},** does not set the accuracy. It is the loosest round number with room to spare in the path's
 checks: {retried[0].lower()}{retried[1:]} At {loosest:.0e} the time is {_ratio(times[loosest])} of the default's and the error of the work
-{_number(works[loosest])} in place of {_number(works[DEFAULT])}; at {tightest:.0e} the time is {_ratio(times[tightest])} times as long and no other error changes.
+{_number(works[loosest])} in place of {_number(works[DEFAULT])}; at {tightest:.0e} the time is {_ratio(times[tightest])} times as long, for errors that were at their floor before.
 
 """
 
@@ -228,7 +228,7 @@ Measured orders k, error ∝ rtol^k, over the scenarios: {orders or "too few err
 """)
     parts.append("""\
 Where it says *falls back*, a snap that started from a limit point known only to the tolerance came to rest on the branch
-that it had just left. No solver reports an error there; it is noticed here because the exact history says otherwise. That,
+that it had just left. No solver reports an error there; whether a snap has left its branch must be looked at, as it is here and in the simulator. That,
 more than the digits, is what the polish is for.
 """)
     return "\n".join(parts)
@@ -396,7 +396,9 @@ def _wrapped(text: str) -> str:
 
 
 def _fill(words: str, indent: str) -> str:
-    return textwrap.fill(words, 118, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+    return textwrap.fill(
+        " ".join(words.split()), 118, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    )
 
 
 def _table(header: Sequence[str], body: Iterable[Sequence[str]]) -> str:
