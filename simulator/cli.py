@@ -241,6 +241,51 @@ def paper(
 
 
 @app.command()
+def accuracy(
+    scenarios: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[SCENARIO]...",
+            help="Scenario files: sealed pairs driven over a limit point.",
+            show_default="four of scenarios/",
+        ),
+    ] = None,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the page goes.")] = Path("docs"),
+    rtol: Annotated[
+        list[float] | None,
+        typer.Option(min=1e-12, max=0.1, help="A tolerance; may be repeated.", show_default="1e-2 … 1e-10"),
+    ] = None,
+    delay: Annotated[
+        list[float] | None,
+        typer.Option(
+            min=1e-9,
+            max=1.0,
+            help="Relaxation time of the viscous runs, over the ramp's duration; may be repeated.",
+            show_default="1e-3, 1e-5, 1e-7",
+        ),
+    ] = None,
+    repeat: Annotated[int, typer.Option(min=1, metavar="N", help="Repetitions of every run.")] = 5,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+) -> None:
+    """Measure error against run time, beside SciPy's solvers; write accuracy.md, figure and table."""
+    from simulator.accuracy import FILES, SCENARIOS, accuracy_files
+    from simulator.accuracy.study import DELAYS, TOLERANCES
+    from simulator.files import OutputError, check_writable
+
+    files = scenarios or [Path("scenarios") / f"{name}.toml" for name in SCENARIOS]
+    tolerances = sorted(set(rtol or TOLERANCES), reverse=True)
+    delays = sorted(set(delay or DELAYS), reverse=True)
+    try:
+        check_writable(out, FILES)
+    except OutputError as error:
+        _fail(str(error), 2)
+    with progress_bar(quiet=quiet) as progress:
+        _write_documents(
+            out, lambda: accuracy_files(files, tolerances, delays, repeat, progress), quiet=quiet
+        )
+
+
+@app.command()
 def explain(scenario: ScenarioArgument) -> None:
     """Say which unknowns, equations, events and smooth pieces a scenario leads to, and what is left out."""
     from simulator.explanation import explain as explanation

@@ -5,7 +5,7 @@ Nothing is solved. The text is read off the same assembly that a run uses.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from simulator import assembly
 from simulator.device import Device
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from simulator.assembly import Group
+    from simulator.drive import VoltageLine, Waveform
     from simulator.scenario import PlayedStep, Scenario
 
 _MOST_STEPS = 24
@@ -36,6 +37,40 @@ def explain(scenario: Scenario) -> str:
     return "\n".join(_lines(scenario))
 
 
+class Assembled(NamedTuple):
+    """A step with what it assembles: how its drive moves, and the sets of equations that move with it.
+
+    `groups` is empty where nothing moves; `voltage` is that before the step.
+    """
+
+    step: PlayedStep
+    line: VoltageLine
+    waveform: Waveform
+    groups: list[Group]
+    voltage: Sequence[float]
+
+
+def assembled(scenario: Scenario) -> Iterator[Assembled]:
+    """The steps of a scenario in the order they are played, with what each assembles; nothing is solved."""
+    device = Device.from_scenario(scenario)
+    voltage: Sequence[float] = [0.0] * len(device.electroded)
+    pressure = 0.0
+    for step in scenario.played_steps():
+        line, waveform = assembly.motion(step, scenario.electroded, voltage, pressure)
+        if isinstance(step, Inflate):
+            groups = assembly.inflating(device, voltage)
+        elif step.valve == "open":
+            groups = assembly.actuated_open(device, line, pressure=pressure)
+        else:
+            groups = assembly.actuated(device, line, amount=1.0)
+        moves = isinstance(step, Jump) or bool((waveform.values != waveform.values[0]).any())
+        yield Assembled(step, line, waveform, groups if moves else [], voltage)
+        if isinstance(step, Inflate):
+            pressure = step.inflate
+        elif not isinstance(step, Hold):
+            voltage = line.at(float(waveform.values[-1])).tolist()
+
+
 def _lines(scenario: Scenario) -> Iterator[str]:
     device = Device.from_scenario(scenario)
     yield scenario.title
@@ -48,39 +83,25 @@ def _lines(scenario: Scenario) -> Iterator[str]:
         yield f"  {balloon.name}: {sizes}{electrodes}; {elastomer}"
     yield ""
     yield "Steps"
-    voltage: Sequence[float] = [0.0] * len(device.electroded)
-    pressure, was_open = 0.0, False
+    was_open = False
     seen: set[str] = set()
-    steps = list(scenario.played_steps())
-    for number, step in enumerate(steps, start=1):
+    total = sum(1 for _ in scenario.played_steps())
+    for number, (step, line, waveform, groups, before) in enumerate(assembled(scenario), start=1):
         if number > _MOST_STEPS:
-            yield f"  … and {len(steps) - _MOST_STEPS} more steps"
+            yield f"  … and {total - _MOST_STEPS} more steps"
             break
-        line, waveform = assembly.motion(step, scenario.electroded, voltage, pressure)
         opens = isinstance(step, Inflate) or step.valve == "open"
-        if isinstance(step, Inflate):
-            groups = assembly.inflating(device, voltage)
-        elif opens:
-            groups = assembly.actuated_open(device, line, pressure=pressure)
-        else:
-            groups = assembly.actuated(device, line, amount=1.0)
-        moves = isinstance(step, Jump) or bool((waveform.values != waveform.values[0]).any())
-        yield from _step(number, step, waveform.fractions.size - 1, groups if moves else [], device)
+        yield from _step(number, step, waveform.fractions.size - 1, groups, device)
         first = line.at(float(waveform.values[0])).tolist()
-        if not isinstance(step, Inflate | Hold | Jump) and first != voltage:
+        if not isinstance(step, Inflate | Hold | Jump) and first != before:
             yield f"     begins by a jump of the voltage to {waveform.values[0]:g}, as a jump step does"
         if opens and not was_open and not isinstance(step, Inflate) and number > 1:
             yield "     opens the valve: a balloon that only the shared gas held would leave, by a jump"
         was_open = opens
-        for group in groups if moves else []:
-            seen |= {condition.kind for condition in group.conditions}
-        if isinstance(step, Inflate):
-            pressure = step.inflate
-        elif not isinstance(step, Hold):
-            voltage = line.at(float(waveform.values[-1])).tolist()
+        seen |= {condition.kind for group in groups for condition in group.conditions}
     yield ""
     yield "Left out"
-    yield from (f"  {reason}" for reason in _left_out(scenario, steps, seen))
+    yield from (f"  {reason}" for reason in _left_out(scenario, list(scenario.played_steps()), seen))
 
 
 def _step(number: int, step: PlayedStep, pieces: int, groups: list[Group], device: Device) -> Iterator[str]:

@@ -230,7 +230,7 @@ def _flow(
         if endless:
             margins.append(lambda y: far - max(y[i] for i in endless))
         if resting(state.tolist()) > 0.0:
-            states, ended = _integrate(equations, margins, state, rtol, effort)
+            states, ended = integrate(equations, margins, state, rtol, effort)
             closest = [
                 min(low, float(np.min(margin(states))))
                 for low, margin in zip(closest, margins[: len(conditions)], strict=True)
@@ -286,7 +286,7 @@ def _at_margin(equations: Equations, condition: Condition, state: FloatArray) ->
     return np.append(_consistent(equations, state)[0], state[-1])
 
 
-def _integrate(
+def integrate(
     equations: Equations,
     margins: Sequence[Callable[[State], Number]],
     start: FloatArray,
