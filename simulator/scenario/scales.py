@@ -1,0 +1,66 @@
+"""The [scales] of a scenario: the reference balloon in units, so that everything else may have units too."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Self
+
+from pydantic import AfterValidator, Field, ValidationError, ValidationInfo, model_validator
+from pydantic_core import PydanticCustomError
+
+from simulator.scenario.fields import Chosen, Frozen, Modulus, Permittivity, Radius, Thickness, refused
+from simulator.units import SI, Scales, Written
+
+
+def _with_unit(number: float) -> float:
+    if not isinstance(number, Written):
+        raise PydanticCustomError("no_unit", "no_unit")
+    return number
+
+
+class Reference(Frozen):
+    """The reference balloon; lengths and moduli in SI units, the permittivity over that of the vacuum."""
+
+    shear_modulus: Annotated[
+        Modulus, AfterValidator(_with_unit), Field(description='a modulus > 0 such as "45 kPa"')
+    ]
+    thickness: Annotated[
+        Thickness, AfterValidator(_with_unit), Field(description='a length > 0 such as "0.5 mm"')
+    ]
+    radius: Annotated[Radius, AfterValidator(_with_unit), Field(description='a length > 0 such as "20 mm"')]
+    permittivity: Annotated[
+        Permittivity, Field(description='a number > 0, that of the vacuum being 1, or such as "41.6 pF/m"')
+    ]
+
+    @property
+    def scales(self) -> Scales:
+        """The scales that follow from it."""
+        return Scales(
+            float(self.shear_modulus), float(self.thickness), float(self.radius), float(self.permittivity)
+        )
+
+    @model_validator(mode="after")
+    def _representable(self) -> Self:
+        try:
+            representable = all(math.isfinite(size) and size > 0.0 for size in self.scales.record().values())
+        except ArithmeticError:
+            representable = False
+        if not representable:
+            raise refused("must be a balloon whose scales are finite numbers", None)
+        return self
+
+
+def reference(value: Any, _: ValidationInfo) -> Reference:
+    """The [scales] of a file. Raises ValidationError."""
+    return Reference.model_validate(value, context={"scales": SI})
+
+
+def scales_of(value: Any) -> Scales:
+    """The scales to read a scenario with; SI where [scales] is wrong, which is then a problem of its own."""
+    try:
+        return Reference.model_validate(value, context={"scales": SI}).scales
+    except ValidationError:
+        return SI
+
+
+Scaled = Annotated[Reference, Chosen(reference)]
