@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from decimal import Context, Decimal, localcontext
 from functools import cache
@@ -192,8 +193,10 @@ def read(text: str, dimension: Dimension, scales: Scales) -> float:
     if found is None:
         raise ValueError("")
     with localcontext(Context(prec=34)):
-        number = float(Decimal(found["number"]) * _factor(found["unit"], dimension))
-    return number / scales.of(dimension)
+        value = float(Decimal(found["number"]) * _factor(found["unit"], dimension)) / scales.of(dimension)
+    if not math.isfinite(value):
+        raise ValueError("it is too large")
+    return value
 
 
 @cache
@@ -215,6 +218,36 @@ def _registry() -> Any:
     import pint
 
     return pint.UnitRegistry(non_int_type=Decimal)
+
+
+def in_si(
+    columns: Mapping[str, NDArray[Any]], scales: Scales, radii: Mapping[str, float]
+) -> dict[str, NDArray[np.float64]]:
+    """Columns of a result in SI units, named with their unit; those that have none are left out.
+
+    Parameters
+    ----------
+    columns : mapping of str to array
+        Dimensionless, named `voltage_<balloon>`, `pressure_before` and so on.
+    scales : Scales
+    radii : mapping of str to float
+        Unstretched radii of the balloons over the reference one's: stretches times these are radii.
+
+    Returns
+    -------
+    dict of str to array
+        `voltage_<balloon> [V]`, `pressure_before [Pa]`, `radius_<balloon> [m]` and so on.
+    """
+    found = {}
+    for name, values in columns.items():
+        quantity, _, rest = name.partition("_")
+        balloon = rest if rest in radii else rest.removesuffix("_before").removesuffix("_after")
+        if quantity == "stretch" and balloon in radii:
+            found[f"radius_{rest} [m]"] = values * radii[balloon] * scales.radius
+        elif quantity in QUANTITIES:
+            dimension = QUANTITIES[quantity]
+            found[f"{name} [{dimension.unit}]"] = values * scales.of(dimension)
+    return found
 
 
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}

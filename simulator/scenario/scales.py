@@ -3,13 +3,27 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import AfterValidator, Field, ValidationError, ValidationInfo, model_validator
 from pydantic_core import PydanticCustomError
 
-from simulator.scenario.fields import Chosen, Frozen, Modulus, Permittivity, Radius, Thickness, refused
-from simulator.units import SI, Scales, Written
+from simulator import units
+from simulator.scenario.errors import Problem, ScenarioError
+from simulator.scenario.fields import (
+    Chosen,
+    Frozen,
+    Measured,
+    Modulus,
+    Permittivity,
+    Radius,
+    Thickness,
+    refused,
+)
+from simulator.units import SI, Dimension, Scales, Written
+
+if TYPE_CHECKING:
+    from simulator.scenario.document import Scenario
 
 
 def _with_unit(number: float) -> float:
@@ -64,3 +78,60 @@ def scales_of(value: Any) -> Scales:
 
 
 Scaled = Annotated[Reference, Chosen(reference)]
+
+
+def dimension_of(scenario: Scenario, key: str) -> Dimension | None:
+    """What a number of a scenario measures, by its dotted key; None where it never has a unit.
+
+    `balloon.<name>.…` as in error messages, `balloon.*.…` for all balloons.
+    """
+    here: Any = scenario
+    *places, last = key.split(".")
+    for place in places:
+        if not isinstance(here, tuple):
+            names = {field.alias or name: name for name, field in type(here).model_fields.items()}
+            here = getattr(here, names[place])
+        elif place.isdecimal():
+            here = here[int(place) - 1]
+        else:
+            here = next(balloon for balloon in here if place in ("*", balloon.name))
+    field = type(here).model_fields[last]
+    return next((mark.dimension for mark in field.metadata if isinstance(mark, Measured)), None)
+
+
+def number(scenario: Scenario, key: str, value: float | str, dimension: Dimension | None) -> float:
+    """A number that goes with a scenario, dimensionless: a number, or a text of a number or with a unit.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    key : str
+        What the number is called in messages.
+    value : float or str
+    dimension : Dimension or None
+        What it measures.
+
+    Raises
+    ------
+    ScenarioError
+        If it is none.
+    """
+    scales = scenario.scales
+    if isinstance(value, str) and dimension is not None and units.has_unit(value):
+        try:
+            if scales is not None:
+                return units.read(value, dimension, scales)
+            allowed = "a number; a unit needs [scales]"
+        except ValueError as error:
+            reason = f"; {error}" if str(error) else ""
+            allowed = f'{dimension.name} such as "{dimension.example}"{reason}'
+    else:
+        allowed = "a finite number"
+        if scales is not None and dimension is not None:
+            allowed += f', or {dimension.name} such as "{dimension.example}"'
+        try:
+            if math.isfinite(found := float(value)):
+                return found
+        except ValueError:  # a text that is no number
+            pass
+    raise ScenarioError(scenario.file, Problem(key, value, f"must be {allowed}"))
