@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from simulator import assembly
+from simulator import assembly, units
 from simulator.device import Device
 from simulator.model import ElectrodedMembrane, Membrane, SealedBalloons
 from simulator.scenario import Hold, Inflate, Jump, duration
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from simulator.assembly import Group
     from simulator.scenario import PlayedStep, Scenario
+    from simulator.units import Scales
 
 _MOST_STEPS = 24
 
@@ -40,6 +41,10 @@ def _lines(scenario: Scenario) -> Iterator[str]:
     device = Device.from_scenario(scenario)
     yield scenario.title
     yield ""
+    if scenario.scales is not None:
+        yield "Scales"
+        yield from (f"  {line}" for line in _scales(scenario.scales))
+        yield ""
     yield "Balloons"
     for balloon in scenario.balloons:
         elastomer = ", ".join(f"{key} = {value}" for key, value in balloon.elastomer.model_dump().items())
@@ -81,6 +86,15 @@ def _lines(scenario: Scenario) -> Iterator[str]:
     yield ""
     yield "Left out"
     yield from (f"  {reason}" for reason in _left_out(scenario, steps, seen))
+
+
+def _scales(scales: Scales) -> Iterator[str]:
+    """What one of the dimensionless numbers below is worth."""
+    given = ((units.MODULUS, "μ"), (units.THICKNESS, "H"), (units.RADIUS, "R"))
+    reference = ", ".join(f"{symbol} = {units.said(of, scales.of(of))}" for of, symbol in given)
+    yield f"reference balloon: {reference}, ε = {scales.permittivity:g} of the vacuum"
+    derived = (units.PRESSURE, units.VOLTAGE, units.FIELD, units.CHARGE, units.ENERGY, units.TIME)
+    yield "1 is " + ", ".join(f"{units.said(of, scales.of(of))} of {of.scale}" for of in derived)
 
 
 def _step(number: int, step: PlayedStep, pieces: int, groups: list[Group], device: Device) -> Iterator[str]:

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from decimal import Context, Decimal, localcontext
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import numpy as np
+    from numpy.typing import NDArray
 
 VACUUM_PERMITTIVITY = 8.8541878128e-12  # F/m, CODATA 2018
 
@@ -253,33 +255,29 @@ def in_si(
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
 
 
-def prefixed(dimension: Dimension, values: NDArray[np.float64] | float) -> tuple[float, str]:
-    """The unit in which SI values read best.
+def prefixed(dimension: Dimension, largest: float) -> tuple[float, str]:
+    """The unit in which values of a quantity read best.
 
     Parameters
     ----------
     dimension : Dimension
-    values : array or float
-        In SI units; the largest counts.
+    largest : float
+        The largest of them, in SI units.
 
     Returns
     -------
     (float, str)
         How many SI units it is, and its symbol: (1000.0, "kV").
     """
-    finite = np.abs(np.asarray(values, dtype=np.float64))
-    largest = float(np.max(finite, where=np.isfinite(finite), initial=0.0))
-    # 1000 V are 1 kV, whatever the last digit.
-    exponent = 3 * math.floor(math.log10(largest * (1.0 + 1e-9)) / 3.0) if largest > 0.0 else 0
-    exponent = min(max(exponent, -12), 12)
-    if dimension.unit == "m":
-        exponent = min(exponent, 0)
-    if dimension.unit in ("s", "m^3"):
-        exponent = 0
+    exponent = 0
+    if dimension.unit not in ("s", "m^3") and math.isfinite(largest) and largest > 0.0:
+        # 1000 V are 1 kV, whatever their last digit.
+        exponent = 3 * math.floor(math.log10(largest * (1.0 + 1e-9)) / 3.0)
+        exponent = min(max(exponent, -12), 0 if dimension.unit == "m" else 12)
     return 10.0**exponent, _PREFIXES[exponent] + dimension.unit
 
 
-def said(dimension: Dimension, value: float) -> str:
+def said(dimension: Dimension, value: float, digits: int = 6) -> str:
     """An SI value with a prefix, for people: "8.1 kV"."""
-    size, unit = prefixed(dimension, value)
-    return f"{value / size:.6g} {unit}"
+    size, unit = prefixed(dimension, abs(value))
+    return f"{value / size:.{digits}g} {unit}"

@@ -99,8 +99,10 @@ def dimension_of(scenario: Scenario, key: str) -> Dimension | None:
     return next((mark.dimension for mark in field.metadata if isinstance(mark, Measured)), None)
 
 
-def number(scenario: Scenario, key: str, value: float | str, dimension: Dimension | None) -> float:
-    """A number that goes with a scenario, dimensionless: a number, or a text of a number or with a unit.
+def number(
+    scenario: Scenario, key: str, value: float | str, dimension: Dimension | None, least: float = -math.inf
+) -> float:
+    """A number that goes with a scenario: dimensionless, from a number or a text, which may have a unit.
 
     Parameters
     ----------
@@ -110,28 +112,31 @@ def number(scenario: Scenario, key: str, value: float | str, dimension: Dimensio
     value : float or str
     dimension : Dimension or None
         What it measures.
+    least : float
+        The least that is allowed, dimensionless.
 
     Raises
     ------
     ScenarioError
         If it is none.
     """
-    scales = scenario.scales
-    if isinstance(value, str) and dimension is not None and units.has_unit(value):
-        try:
-            if scales is not None:
-                return units.read(value, dimension, scales)
-            allowed = "a number; a unit needs [scales]"
-        except ValueError as error:
-            reason = f"; {error}" if str(error) else ""
-            allowed = f'{dimension.name} such as "{dimension.example}"{reason}'
-    else:
-        allowed = "a finite number"
-        if scales is not None and dimension is not None:
-            allowed += f', or {dimension.name} such as "{dimension.example}"'
-        try:
-            if math.isfinite(found := float(value)):
-                return found
-        except ValueError:  # a text that is no number
-            pass
-    raise ScenarioError(scenario.file, Problem(key, value, f"must be {allowed}"))
+    scales, reason = scenario.scales, ""
+    bound = "" if math.isinf(least) else f" >= {least:g}"
+    measured = isinstance(value, str) and dimension is not None and units.has_unit(value)
+    try:
+        if isinstance(value, str) and dimension is not None and scales is not None and measured:
+            found = units.read(value, dimension, scales)
+        else:
+            found = float(value)
+        if math.isfinite(found) and found >= least:
+            return found
+    except ValueError as error:
+        reason = str(error) if measured and scales else ""
+    allowed = f"a number{bound}"
+    if scales is not None and dimension is not None:
+        quantity = f'{dimension.name}{bound} such as "{dimension.example}"'
+        allowed = quantity if measured else f"{allowed}, or {quantity}"
+    elif measured:
+        reason = "a unit needs [scales]"
+    problem = Problem(key, value, f"must be {allowed}{reason and '; '}{reason}")
+    raise ScenarioError(scenario.file, problem)
