@@ -93,8 +93,8 @@ def _scales(scales: Scales) -> Iterator[str]:
     given = ((units.MODULUS, "μ"), (units.THICKNESS, "H"), (units.RADIUS, "R"))
     reference = ", ".join(f"{symbol} = {units.said(of, scales.of(of))}" for of, symbol in given)
     yield f"reference balloon: {reference}, ε = {scales.permittivity:g} of the vacuum"
-    derived = (units.PRESSURE, units.VOLTAGE, units.FIELD, units.CHARGE, units.ENERGY, units.TIME)
-    yield "1 is " + ", ".join(f"{units.said(of, scales.of(of))} of {of.scale}" for of in derived)
+    for of in (units.PRESSURE, units.VOLTAGE, units.FIELD, units.CHARGE, units.ENERGY, units.TIME):
+        yield f"{of.scale} 1 is {units.said(of, scales.of(of))}"
 
 
 def _step(number: int, step: PlayedStep, pieces: int, groups: list[Group], device: Device) -> Iterator[str]:

@@ -243,8 +243,9 @@ def in_si(
     found = {}
     for name, values in columns.items():
         quantity, _, rest = name.partition("_")
-        balloon = rest if rest in radii else rest.removesuffix("_before").removesuffix("_after")
-        if quantity == "stretch" and balloon in radii:
+        sides = (rest, rest.removesuffix("_before"), rest.removesuffix("_after"))
+        balloon = next((side for side in sides if side in radii), None)
+        if quantity == "stretch" and balloon is not None:
             found[f"radius_{rest} [m]"] = values * radii[balloon] * scales.radius
         elif quantity in QUANTITIES:
             dimension = QUANTITIES[quantity]

@@ -668,7 +668,7 @@ def test_the_example_of_the_reference_is_valid() -> None:
             {"name": name, "electrodes": True, "elastomer": {"model": "neo-hookean"}}
             for name in ("left", "right")
         ]
-        load_scenario(minimal(balloon=names, **tomllib.loads(example)))
+        load_scenario({**minimal(balloon=names), **tomllib.loads(example)})
 
 
 # -- tables --------------------------------------------------------------------------------------------

@@ -43,7 +43,7 @@ class Reference(Frozen):
     ]
     radius: Annotated[Radius, AfterValidator(_with_unit), Field(description='a length > 0 such as "20 mm"')]
     permittivity: Annotated[
-        Permittivity, Field(description='a number > 0, that of the vacuum being 1, or such as "41.6 pF/m"')
+        Permittivity, Field(description='a relative permittivity > 0 such as 4.7, or one such as "41.6 pF/m"')
     ]
 
     @property
