@@ -276,12 +276,14 @@ def _check_wishes(
 
 def _drive(scenario: Scenario, to_voltage: str | None, to_pressure: str | None) -> float | None:
     """The voltage or pressure to stop at, dimensionless. Raises ScenarioError."""
-    from simulator.scenario import number
+    from simulator.scenario import dimensionless
     from simulator.units import PRESSURE, VOLTAGE
 
     if to_voltage is not None:
-        return number(scenario, "--to-voltage", to_voltage, VOLTAGE, 0.0)
-    return None if to_pressure is None else number(scenario, "--to-pressure", to_pressure, PRESSURE, 0.0)
+        return dimensionless(scenario, "--to-voltage", to_voltage, VOLTAGE, 0.0)
+    return (
+        None if to_pressure is None else dimensionless(scenario, "--to-pressure", to_pressure, PRESSURE, 0.0)
+    )
 
 
 def _traced(

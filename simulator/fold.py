@@ -30,7 +30,7 @@ from simulator.elastomer import Elastomer, Gent, Number
 from simulator.equilibrium import NotConverged
 from simulator.model import ElectrodedMembrane, Membrane, SealedBalloons
 from simulator.path import Effort
-from simulator.scenario import Inflate, Problem, ScenarioError, dimension_of, number
+from simulator.scenario import Inflate, Problem, ScenarioError, dimension_of, dimensionless
 from simulator.trace import sealed_state, trace, trace_inflation
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def fold(
     """
     parameters = _Parameters.of(scenario, vary)
     dimension = dimension_of(scenario, vary)
-    to = number(scenario, "to", to, dimension)
+    to = dimensionless(scenario, "to", to, dimension)
     device = Device.from_scenario(scenario)
     if inflation is not None:
         curve = trace_inflation(scenario, inflation)

@@ -206,9 +206,10 @@ def _factor(unit: str, dimension: Dimension) -> Decimal:
     """A unit over the SI unit of its dimension. Raises as `read`."""
     import pint
 
+    registry = _registry()
     try:
-        given = _registry().Quantity(Decimal(1), _registry().parse_units(unit))
-        return Decimal(given.to(_registry().parse_units(dimension.unit)).magnitude)
+        given = registry.Quantity(Decimal(1), registry.parse_units(unit))
+        return Decimal(given.to(registry.parse_units(dimension.unit)).magnitude)
     except pint.UndefinedUnitError:
         raise ValueError(f"the unit {unit} is not known") from None
     except Exception:  # units that do not multiply, such as °C and dB, fail in ways of their own

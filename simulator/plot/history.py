@@ -411,9 +411,10 @@ def _ending(history: History) -> str:
         return "nothing was computed"
     if history.outcome is Outcome.COMPLETED:
         return ""
+    time = f"time {history.time[-1]:.6g}{' s' if history.scenario.scales else ''}"
     if history.outcome is Outcome.FAILED:
-        return f"partial: the solver failed after time {history.time[-1]:.6g}"
-    return f"ended by {history.outcome.value.replace('_', ' ')} at time {history.time[-1]:.6g}"
+        return f"partial: the solver failed after {time}"
+    return f"ended by {history.outcome.value.replace('_', ' ')} at {time}"
 
 
 def _shown_balloon(history: History) -> int:

@@ -9,7 +9,7 @@ from simulator.scenario.checks import MAX_SAMPLES
 from simulator.scenario.device import Balloon, Breakdown, Elastomer, Gas, Gent, NeoHookean
 from simulator.scenario.document import Output, Scenario, Solver, load_scenario
 from simulator.scenario.errors import Problem, ScenarioError
-from simulator.scenario.scales import Reference, dimension_of, number
+from simulator.scenario.scales import Reference, dimension_of, dimensionless
 from simulator.scenario.steps import (
     Cycle,
     Hold,
@@ -53,7 +53,7 @@ __all__ = [
     "Triangle",
     "TriangleWave",
     "dimension_of",
+    "dimensionless",
     "duration",
     "load_scenario",
-    "number",
 ]

@@ -99,7 +99,7 @@ def dimension_of(scenario: Scenario, key: str) -> Dimension | None:
     return next((mark.dimension for mark in field.metadata if isinstance(mark, Measured)), None)
 
 
-def number(
+def dimensionless(
     scenario: Scenario, key: str, value: float | str, dimension: Dimension | None, least: float = -math.inf
 ) -> float:
     """A number that goes with a scenario: dimensionless, from a number or a text, which may have a unit.
