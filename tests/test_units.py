@@ -8,14 +8,17 @@ import math
 import pickle
 from decimal import Decimal, localcontext
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import Field, PlainSerializer, ValidationError
 
 from simulator import units
 from simulator.scenario import Problem, Scenario, ScenarioError, Table, dimension_of, load_scenario
+from simulator.scenario.fields import Chosen, ElectricCharge, Frozen, Volume, by_name
 from simulator.units import VACUUM_PERMITTIVITY, Dimension, Scales, as_written
 
 GENT = {"model": "gent", "J_lim": 270}
@@ -169,6 +172,35 @@ def test_the_reference_balloon_has_ratios_of_exactly_one() -> None:
 def test_fields_say_what_they_measure(key: str, name: str | None) -> None:
     found = dimension_of(load_scenario(written()), key)
     assert (found and found.scale) == name
+
+
+class Vessel(Frozen):
+    """As a new table would be written."""
+
+    chamber: Volume = 0.0
+    charge: Annotated[
+        float | dict[str, float],
+        Chosen(by_name(ElectricCharge)),
+        PlainSerializer(as_written),
+        Field(description="a number, or a table of numbers"),
+    ] = 0.0
+
+
+def test_a_new_field_declares_its_dimension_and_no_more() -> None:
+    scales = load_scenario(written()).scales
+    assert scales is not None
+    data = {"chamber": "0.5 l", "charge": {"a": "2 uC"}}
+    vessel = Vessel.model_validate(data, context={"scales": scales})
+    assert vessel.chamber == pytest.approx(0.5e-3 / (4 * math.pi * 20e-3**3), rel=1e-15)
+    charge = 4 * math.pi * 20e-3**2 * math.sqrt(4.7 * 8.8541878128e-12 * 45e3)
+    assert vessel.charge == {"a": pytest.approx(2e-6 / charge, rel=1e-15)}
+    assert vessel.model_dump(mode="json") == data
+    with pytest.raises(ValidationError) as caught:
+        Vessel.model_validate({"chamber": "1 m", "charge": "1 V"}, context={"scales": scales})
+    assert [(error["loc"], error["msg"]) for error in caught.value.errors()] == [
+        (("chamber",), 'must be a volume >= 0 such as "0.5 l"'),
+        (("charge",), 'must be a charge such as "1 µC"'),
+    ]
 
 
 # -- what is refused -------------------------------------------------------------------------------------

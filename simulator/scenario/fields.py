@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
     Field,
+    TypeAdapter,
     ValidationError,
     ValidationInfo,
     model_validator,
@@ -70,7 +72,8 @@ class Measured:
             raise PydanticCustomError("unit", "unit", found) from None
 
 
-# A field declares what it measures by being one of these, or by a `Measured` of its own.
+# A field declares what it measures by being one of these, or by a `Measured` of its own; nothing else is
+# needed for it to accept units.
 Time = Annotated[Positive, Measured(units.TIME)]
 
 Radius = Annotated[Positive, Measured(units.RADIUS)]
@@ -88,6 +91,8 @@ Volume = Annotated[NonNegative, Measured(units.VOLUME)]
 Voltage = Annotated[Number, Measured(units.VOLTAGE)]
 
 ElectricField = Annotated[Positive, Measured(units.FIELD)]
+
+ElectricCharge = Annotated[Number, Measured(units.CHARGE)]
 
 Text = Annotated[str, Field(strict=True, pattern=r"\S", description="a non-empty text")]
 
@@ -108,6 +113,21 @@ class Chosen:
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
         return core_schema.with_info_plain_validator_function(self.function)
+
+
+def by_name(kind: Any) -> Callable[[Any, ValidationInfo], float | dict[str, float]]:
+    """Chooses between one number of a kind, and such numbers by balloon name."""
+    one: TypeAdapter[float] = TypeAdapter(kind)
+    several: TypeAdapter[dict[str, float]] = TypeAdapter(
+        Annotated[dict[str, kind], AfterValidator(not_empty)]
+    )
+
+    def choose(value: Any, info: ValidationInfo) -> float | dict[str, float]:
+        if isinstance(value, Mapping):
+            return several.validate_python(value, context=info.context)
+        return one.validate_python(value, context=info.context)
+
+    return choose
 
 
 class Frozen(BaseModel):

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field, PlainSerializer, PrivateAttr, TypeAdapter, ValidationInfo
+from pydantic import AfterValidator, Field, PlainSerializer, PrivateAttr, ValidationInfo
 
 from simulator.scenario.fields import (
     Chosen,
@@ -18,6 +18,7 @@ from simulator.scenario.fields import (
     Pressure,
     Time,
     Voltage,
+    by_name,
     not_empty,
     refused,
 )
@@ -27,21 +28,9 @@ from simulator.units import as_written
 Valve = Annotated[Literal["closed", "open"], Field(description='"closed" or "open"')]
 
 
-def _voltages(value: Any, info: ValidationInfo) -> float | dict[str, float]:
-    if isinstance(value, Mapping):
-        return _BY_NAME.validate_python(value, context=info.context)
-    return _NUMBER.validate_python(value, context=info.context)
-
-
-_NUMBER: TypeAdapter[float] = TypeAdapter(Voltage)
-
-_BY_NAME: TypeAdapter[dict[str, float]] = TypeAdapter(
-    Annotated[dict[str, Voltage], AfterValidator(not_empty)]
-)
-
 Voltages = Annotated[
     float | dict[str, float],
-    Chosen(_voltages),
+    Chosen(by_name(Voltage)),
     PlainSerializer(as_written),
     Field(description="a number, or a table of one or more numbers by balloon name"),
 ]
