@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from simulator import assembly
+from simulator import assembly, units
 from simulator.device import Device
 from simulator.model import ElectrodedMembrane, Membrane, SealedBalloons
 from simulator.scenario import Hold, Inflate, Jump, duration
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from simulator.assembly import Group
     from simulator.drive import VoltageLine, Waveform
     from simulator.scenario import PlayedStep, Scenario
+    from simulator.units import Scales
 
 _MOST_STEPS = 24
 
@@ -75,6 +76,10 @@ def _lines(scenario: Scenario) -> Iterator[str]:
     device = Device.from_scenario(scenario)
     yield scenario.title
     yield ""
+    if scenario.scales is not None:
+        yield "Scales"
+        yield from (f"  {line}" for line in _scales(scenario.scales))
+        yield ""
     yield "Balloons"
     for balloon in scenario.balloons:
         elastomer = ", ".join(f"{key} = {value}" for key, value in balloon.elastomer.model_dump().items())
@@ -102,6 +107,15 @@ def _lines(scenario: Scenario) -> Iterator[str]:
     yield ""
     yield "Left out"
     yield from (f"  {reason}" for reason in _left_out(scenario, list(scenario.played_steps()), seen))
+
+
+def _scales(scales: Scales) -> Iterator[str]:
+    """What one of the dimensionless numbers below is worth."""
+    given = ((units.MODULUS, "μ"), (units.THICKNESS, "H"), (units.RADIUS, "R"))
+    reference = ", ".join(f"{symbol} = {units.said(of, scales.of(of))}" for of, symbol in given)
+    yield f"reference balloon: {reference}, ε = {scales.permittivity:g} of the vacuum"
+    for of in (units.PRESSURE, units.VOLTAGE, units.FIELD, units.CHARGE, units.ENERGY, units.TIME):
+        yield f"{of.scale} 1 is {units.said(of, scales.of(of))}"
 
 
 def _step(number: int, step: PlayedStep, pieces: int, groups: list[Group], device: Device) -> Iterator[str]:

@@ -30,7 +30,7 @@ from simulator.elastomer import Elastomer, Gent, Number
 from simulator.equilibrium import NotConverged
 from simulator.model import ElectrodedMembrane, Membrane, SealedBalloons
 from simulator.path import Effort
-from simulator.scenario import Inflate, Problem, ScenarioError
+from simulator.scenario import Inflate, Problem, ScenarioError, dimension_of, dimensionless
 from simulator.trace import sealed_state, trace, trace_inflation
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ _RTOL = 1e-5
 
 
 def fold(
-    scenario: Scenario, vary: str, to: float, *, point: int = 1, inflation: str | None = None
+    scenario: Scenario, vary: str, to: float | str, *, point: int = 1, inflation: str | None = None
 ) -> FoldCurve:
     """Follow a limit point of a scenario's equilibrium path while one of its numbers changes.
 
@@ -55,8 +55,8 @@ def fold(
         Key of the number, as in error messages: `gas.ambient_pressure`, `step.1.inflate` (the pressure at
         which the gas is sealed), `balloon.<name>.radius` (thickness, modulus, permittivity),
         `balloon.<name>.elastomer.J_lim`; `balloon.*.…` changes all balloons together.
-    to : float
-        Value at which to stop.
+    to : float or str
+        Value at which to stop; with [scales] also a text with a unit.
     point : int
         Which limit point of the path, from 1.
     inflation : str, optional
@@ -70,6 +70,8 @@ def fold(
         If the curve cannot be followed.
     """
     parameters = _Parameters.of(scenario, vary)
+    dimension = dimension_of(scenario, vary)
+    to = dimensionless(scenario, "to", to, dimension)
     device = Device.from_scenario(scenario)
     if inflation is not None:
         curve = trace_inflation(scenario, inflation)
@@ -107,6 +109,8 @@ def fold(
         pressure=states[-2] if inflation is not None else states[-3],
         end=end,
         ida_steps=effort.ida_steps,
+        dimension=dimension,
+        scales=scenario.scales,
     )
 
 

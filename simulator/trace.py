@@ -81,7 +81,7 @@ def trace(scenario: Scenario, until: Until | None = None) -> Curve:
         If the path cannot be followed.
     """
     device, group, start = sealed_state(scenario)
-    return _traced(scenario.title, device, group, start, until or Until())
+    return _traced(scenario, device, group, start, until or Until())
 
 
 def trace_all(scenario: Scenario) -> tuple[Curve, ...]:
@@ -90,11 +90,11 @@ def trace_all(scenario: Scenario) -> tuple[Curve, ...]:
     The detached ones are those through any other equilibrium at zero voltage. Raises as `trace`.
     """
     device, group, start = sealed_state(scenario)
-    curves = [_traced(scenario.title, device, group, start, Until())]
+    curves = [_traced(scenario, device, group, start, Until())]
     for rest in rests(device, float(group.equations.amount)):  # type: ignore[union-attr]
         met = np.array([curve.stretch[i] for curve in curves for i in (0, -1)])
         if np.min(np.max(np.abs(met - rest[: met.shape[1]]), axis=1)) > 1e-7:
-            curves.append(_traced(scenario.title, device, group, rest, Until()))
+            curves.append(_traced(scenario, device, group, rest, Until()))
     return tuple(curves)
 
 
@@ -124,7 +124,7 @@ def trace_inflation(scenario: Scenario, balloon: str | None = None, until: Until
     place = device.names.index(balloon) if balloon is not None else len(device.names) - 1
     device = device.bare(place)
     (group,) = assembly.inflating(device, [])
-    return _traced(scenario.title, device, group, np.array([1.0, 0.0]), until or Until())
+    return _traced(scenario, device, group, np.array([1.0, 0.0]), until or Until())
 
 
 def sealed_state(scenario: Scenario) -> tuple[Device, Group, FloatArray]:
@@ -199,7 +199,7 @@ def _monotone_parts(device: Device, balloon: int) -> list[tuple[FloatArray, Floa
     return [part if part[1][0] < part[1][-1] else (part[0][::-1], part[1][::-1]) for part in parts]
 
 
-def _traced(title: str, device: Device, group: Group, start: FloatArray, until: Until) -> Curve:
+def _traced(scenario: Scenario, device: Device, group: Group, start: FloatArray, until: Until) -> Curve:
     """The path from a state at which v begins to rise, until something ends it."""
     equations, effort = group.equations, Effort()
     pieces: list[_Piece] = []
@@ -226,7 +226,7 @@ def _traced(title: str, device: Device, group: Group, start: FloatArray, until: 
         pieces.append(piece)
         rising = bool(piece.states[-1, -1] > state[-1])
         state = piece.states[:, -1]
-    return _curve(title, device, group, pieces, found, effort)
+    return _curve(scenario, device, group, pieces, found, effort)
 
 
 def _ends(group: Group, start: FloatArray, until: Until) -> Iterator[Condition]:
@@ -295,7 +295,7 @@ def _beyond(
 
 
 def _curve(
-    title: str,
+    scenario: Scenario,
     device: Device,
     group: Group,
     pieces: Sequence[_Piece],
@@ -322,7 +322,7 @@ def _curve(
     gas = (pressure + device.ambient) * device.volume(stretch)
     is_open = np.full(len(stretch), isinstance(group.equations, OpenBalloon))
     return Curve(
-        title=title,
+        title=scenario.title,
         balloons=device.names,
         electroded=tuple(device.names[i] for i in device.electroded),
         arclength=np.concatenate(arcs),
@@ -345,4 +345,6 @@ def _curve(
             for kind, count, state in found
         ),
         ida_steps=effort.ida_steps,
+        radius=device.radius,
+        scales=scenario.scales,
     )

@@ -19,13 +19,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from simulator.history import EventKind, Outcome
+from simulator.plot.quantities import Labels, add_stretch_axis, shown_history
 from simulator.plot.style import (
     BLACK,
     COLOURS,
     GREY,
-    PRESSURE,
-    STRETCH,
-    VOLTAGE,
     WORDS,
     arrowhead,
     dress,
@@ -125,13 +123,14 @@ def plot_voltage(history: History, ax: Axes) -> Axes:
     matplotlib.axes.Axes
         The same axes.
     """
+    history, labels = shown_history(history)
     voltage = history.voltage
     if _is_common(voltage):
         _draw_in_time(history, voltage[:, 0], ax, BLACK, 1.5)
     else:
         for i, name in enumerate(history.electroded):
             _draw_in_time(history, voltage[:, i], ax, _colour(history, name), _width(i))
-    return _dress_time_axes(ax, f"voltage\n{VOLTAGE}")
+    return _dress_time_axes(ax, labels, f"voltage\n{labels.voltage}")
 
 
 def plot_pressure(history: History, ax: Axes) -> Axes:
@@ -147,12 +146,15 @@ def plot_pressure(history: History, ax: Axes) -> Axes:
     matplotlib.axes.Axes
         The same axes.
     """
+    history, labels = shown_history(history)
     _draw_in_time(history, history.pressure, ax, BLACK, 1.5)
-    return _dress_time_axes(ax, f"pressure\n{PRESSURE}")
+    return _dress_time_axes(ax, labels, f"pressure\n{labels.pressure}")
 
 
 def plot_stretches(history: History, ax: Axes) -> Axes:
     """Draw the stretch of every balloon in time, with the events on the balloon that each moves most.
+
+    Where the scenario has [scales] it is the radius.
 
     Parameters
     ----------
@@ -164,19 +166,21 @@ def plot_stretches(history: History, ax: Axes) -> Axes:
     matplotlib.axes.Axes
         The same axes.
     """
+    history, labels = shown_history(history)
     for i, name in enumerate(history.balloons):
         _draw_in_time(history, history.stretch[:, i], ax, _colour(history, name), _width(i))
     if len(history.events) <= MOST_MARKED_EVENTS:
         for event in history.events:
             mark(event.kind, event.time, event.stretch_before[_most_moved(history, event)], ax)
-    return _dress_time_axes(ax, f"stretch\n{STRETCH}")
+    return _dress_time_axes(ax, labels, f"{labels.extent}\n{labels.size}")
 
 
 def plot_loop(history: History, ax: Axes) -> Axes:
     """Draw stretch over voltage of the first electroded balloon, with jumps dashed and events marked.
 
     Where no balloon has electrodes it is stretch over pressure of the first balloon. Parts of the
-    loop that are retraced, cycle after cycle, are drawn once.
+    loop that are retraced, cycle after cycle, are drawn once. Where the scenario has [scales] it is
+    the radius, with the stretch at the right.
 
     Parameters
     ----------
@@ -188,6 +192,7 @@ def plot_loop(history: History, ax: Axes) -> Axes:
     matplotlib.axes.Axes
         The same axes.
     """
+    history, labels = shown_history(history)
     balloon = _shown_balloon(history)
     name = history.balloons[balloon]
     colour = _colour(history, name)
@@ -209,9 +214,12 @@ def plot_loop(history: History, ax: Axes) -> Axes:
             mark(kind, at[0], at[1], ax)
         if _stops_between_events(history):
             ax.plot(x[-1:], y[-1:], **END_STYLE)
-    ax.set_xlabel(f"voltage on {name}  {VOLTAGE}" if history.electroded else f"pressure  {PRESSURE}")
-    ax.set_ylabel(f"stretch of {name}  {STRETCH}")
+    drive = f"voltage on {name}  {labels.voltage}" if history.electroded else f"pressure  {labels.pressure}"
+    ax.set_xlabel(drive)
+    ax.set_ylabel(f"{labels.extent} of {name}  {labels.size}")
     ax.margins(0.06)
+    if labels.unstretched:
+        add_stretch_axis(ax, labels.unstretched[balloon])
     return dress(ax)
 
 
@@ -403,9 +411,10 @@ def _ending(history: History) -> str:
         return "nothing was computed"
     if history.outcome is Outcome.COMPLETED:
         return ""
+    time = f"time {history.time[-1]:.6g}{' s' if history.scenario.scales else ''}"
     if history.outcome is Outcome.FAILED:
-        return f"partial: the solver failed after time {history.time[-1]:.6g}"
-    return f"ended by {history.outcome.value.replace('_', ' ')} at time {history.time[-1]:.6g}"
+        return f"partial: the solver failed after {time}"
+    return f"ended by {history.outcome.value.replace('_', ' ')} at {time}"
 
 
 def _shown_balloon(history: History) -> int:
@@ -431,8 +440,8 @@ def _width(i: int) -> float:
     return (2.2, 1.4)[i] if i < 2 else 1.0
 
 
-def _dress_time_axes(ax: Axes, label: str) -> Axes:
-    ax.set_xlabel("time  t")
+def _dress_time_axes(ax: Axes, labels: Labels, label: str) -> Axes:
+    ax.set_xlabel(f"time  {labels.time}")
     ax.set_ylabel(label)
     ax.margins(x=0.01, y=0.08)
     return dress(ax)

@@ -9,6 +9,7 @@ from simulator.scenario.checks import MAX_SAMPLES
 from simulator.scenario.device import Balloon, Breakdown, Elastomer, Gas, Gent, NeoHookean
 from simulator.scenario.document import Output, Scenario, Solver, load_scenario
 from simulator.scenario.errors import Problem, ScenarioError
+from simulator.scenario.scales import Reference, dimension_of, dimensionless
 from simulator.scenario.steps import (
     Cycle,
     Hold,
@@ -41,6 +42,7 @@ __all__ = [
     "PlayedStep",
     "Problem",
     "Ramp",
+    "Reference",
     "Scenario",
     "ScenarioError",
     "Sine",
@@ -50,6 +52,8 @@ __all__ = [
     "Table",
     "Triangle",
     "TriangleWave",
+    "dimension_of",
+    "dimensionless",
     "duration",
     "load_scenario",
 ]

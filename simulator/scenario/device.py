@@ -6,13 +6,24 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo
 
-from simulator.scenario.fields import Chosen, Frozen, NonNegative, Positive, refused
+from simulator.scenario.fields import (
+    Chosen,
+    ElectricField,
+    Frozen,
+    Modulus,
+    Permittivity,
+    Positive,
+    Pressure,
+    Radius,
+    Thickness,
+    refused,
+)
 
 
 class Gas(Frozen):
     """The gas the balloons share; `ambient_pressure` in units of μH/R."""
 
-    ambient_pressure: NonNegative
+    ambient_pressure: Pressure
 
 
 class Gent(Frozen):
@@ -45,7 +56,7 @@ Elastomer = Annotated[Gent | NeoHookean, Chosen(_elastomer), Field(description="
 class Breakdown(Frozen):
     """Dielectric breakdown at the true field `field`, in units of √(μ/ε)."""
 
-    field: Positive
+    field: ElectricField
 
 
 class Balloon(Frozen):
@@ -60,10 +71,10 @@ class Balloon(Frozen):
             description="a name of letters, digits and _, no digit first",
         ),
     ]
-    radius: Positive = 1.0
-    thickness: Positive = 1.0
-    modulus: Positive = 1.0
-    permittivity: Positive = 1.0
+    radius: Radius = 1.0
+    thickness: Thickness = 1.0
+    modulus: Modulus = 1.0
+    permittivity: Permittivity = 1.0
     electrodes: Annotated[bool, Field(strict=True, description="true or false")] = False
     breakdown: Annotated[Breakdown | None, Field(description="a table such as { field = 12 }")] = None
     elastomer: Elastomer

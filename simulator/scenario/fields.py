@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
     Field,
+    TypeAdapter,
     ValidationError,
     ValidationInfo,
     model_validator,
 )
 from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails, PydanticCustomError, core_schema
+
+from simulator import units
+from simulator.units import Dimension, Written, as_written
 
 
 def _python_scalar(value: Any) -> Any:
@@ -33,6 +38,61 @@ Number = Annotated[Float, Field(description="a number")]
 Positive = Annotated[Float, Field(gt=0, description="a number > 0")]
 
 NonNegative = Annotated[Float, Field(ge=0, description="a number >= 0")]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Marks a number that may also be a text with a unit of a dimension, where the scenario has [scales].
+
+    The scales are in the validation context; the number comes out dimensionless, as a `Written`.
+    """
+
+    dimension: Dimension
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        return core_schema.with_info_wrap_validator_function(
+            self._read,
+            handler(source),
+            serialization=core_schema.plain_serializer_function_ser_schema(as_written),
+        )
+
+    def _read(self, value: Any, handler: Callable[[Any], float], info: ValidationInfo) -> float:
+        if not isinstance(value, str):
+            return handler(value)
+        scales = (info.context or {}).get("scales")
+        if scales is None:
+            if units.has_unit(value):
+                raise PydanticCustomError("no_scales", "no_scales")
+            return handler(value)
+        try:
+            return Written(handler(units.read(value, self.dimension, scales)), value)
+        except ValueError as error:
+            reason = "" if isinstance(error, ValidationError) else str(error)
+            found = {"name": self.dimension.name, "example": self.dimension.example, "reason": reason}
+            raise PydanticCustomError("unit", "unit", found) from None
+
+
+# A field declares what it measures by being one of these, or by a `Measured` of its own; nothing else is
+# needed for it to accept units.
+Time = Annotated[Positive, Measured(units.TIME)]
+
+Radius = Annotated[Positive, Measured(units.RADIUS)]
+
+Thickness = Annotated[Positive, Measured(units.THICKNESS)]
+
+Modulus = Annotated[Positive, Measured(units.MODULUS)]
+
+Permittivity = Annotated[Positive, Measured(units.PERMITTIVITY)]
+
+Pressure = Annotated[NonNegative, Measured(units.PRESSURE)]
+
+Volume = Annotated[NonNegative, Measured(units.VOLUME)]
+
+Voltage = Annotated[Number, Measured(units.VOLTAGE)]
+
+ElectricField = Annotated[Positive, Measured(units.FIELD)]
+
+ElectricCharge = Annotated[Number, Measured(units.CHARGE)]
 
 Text = Annotated[str, Field(strict=True, pattern=r"\S", description="a non-empty text")]
 
@@ -53,6 +113,21 @@ class Chosen:
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
         return core_schema.with_info_plain_validator_function(self.function)
+
+
+def by_name(kind: Any) -> Callable[[Any, ValidationInfo], float | dict[str, float]]:
+    """Chooses between one number of a kind, and such numbers by balloon name."""
+    one: TypeAdapter[float] = TypeAdapter(kind)
+    several: TypeAdapter[dict[str, float]] = TypeAdapter(
+        Annotated[dict[str, kind], AfterValidator(not_empty)]
+    )
+
+    def choose(value: Any, info: ValidationInfo) -> float | dict[str, float]:
+        if isinstance(value, Mapping):
+            return several.validate_python(value, context=info.context)
+        return one.validate_python(value, context=info.context)
+
+    return choose
 
 
 class Frozen(BaseModel):
@@ -97,6 +172,13 @@ def _in_our_words(error: ErrorDetails, model: type[BaseModel]) -> InitErrorDetai
             value, text = None, f"is missing, {text}"
         case "extra_forbidden" | "invalid_key":
             text = f"unknown key, allowed here: {', '.join(fields)}"
+        case "no_scales":
+            text = f"{text}; a unit needs [scales]"
+        case "unit":
+            found = error["ctx"]
+            if "a number" in text:
+                text = f'{text.split(",")[0].replace("a number", found["name"])} such as "{found["example"]}"'
+            text = f"{text}; {found['reason']}" if found["reason"] else text
         case "finite_number":
             text = text.replace("a number", "a finite number")
         case "value_error":  # a table that cannot be read

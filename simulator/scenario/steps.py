@@ -8,27 +8,30 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field, PrivateAttr, TypeAdapter, ValidationInfo
+from pydantic import AfterValidator, Field, PlainSerializer, PrivateAttr, ValidationInfo
 
-from simulator.scenario.fields import Chosen, Frozen, Int, NonNegative, Number, Positive, not_empty, refused
+from simulator.scenario.fields import (
+    Chosen,
+    Frozen,
+    Int,
+    Positive,
+    Pressure,
+    Time,
+    Voltage,
+    by_name,
+    not_empty,
+    refused,
+)
 from simulator.scenario.reading import read_table
+from simulator.units import as_written
 
 Valve = Annotated[Literal["closed", "open"], Field(description='"closed" or "open"')]
 
 
-def _voltage(value: Any, _: ValidationInfo) -> float | dict[str, float]:
-    if isinstance(value, Mapping):
-        return _BY_NAME.validate_python(value)
-    return _NUMBER.validate_python(value)
-
-
-_NUMBER: TypeAdapter[float] = TypeAdapter(Number)
-
-_BY_NAME: TypeAdapter[dict[str, float]] = TypeAdapter(Annotated[dict[str, Number], AfterValidator(not_empty)])
-
-Voltage = Annotated[
+Voltages = Annotated[
     float | dict[str, float],
-    Chosen(_voltage),
+    Chosen(by_name(Voltage)),
+    PlainSerializer(as_written),
     Field(description="a number, or a table of one or more numbers by balloon name"),
 ]
 
@@ -36,38 +39,38 @@ Voltage = Annotated[
 class Inflate(Frozen):
     """Excess pressure ramped to `inflate`, valve open."""
 
-    inflate: NonNegative
-    over: Positive = 1.0
+    inflate: Pressure
+    over: Time = 1.0
 
 
 class Ramp(Frozen):
     """Voltage ramped linearly to `ramp`: one number for all electrodes, or a number by balloon name."""
 
-    ramp: Voltage
-    over: Positive = 1.0
+    ramp: Voltages
+    over: Time = 1.0
     valve: Valve = "closed"
 
 
 class Hold(Frozen):
     """Everything kept for the time `hold`."""
 
-    hold: Positive
+    hold: Time
     valve: Valve = "closed"
 
 
 class Jump(Frozen):
     """Voltage changed to `jump` at once: one number for all electrodes, or a number by balloon name."""
 
-    jump: Voltage
+    jump: Voltages
     valve: Valve = "closed"
 
 
 class SineWave(Frozen):
     """mean + amplitude·sin(2πt/period), for `cycles` periods."""
 
-    mean: Number
-    amplitude: Number
-    period: Positive
+    mean: Voltage
+    amplitude: Voltage
+    period: Time
     cycles: Positive
 
 
@@ -81,9 +84,9 @@ class Sine(Frozen):
 class TriangleWave(Frozen):
     """From `low` to `high` in half a period and back in the other half, for `cycles` periods."""
 
-    low: Number
-    high: Number
-    period: Positive
+    low: Voltage
+    high: Voltage
+    period: Time
     cycles: Positive
 
 
@@ -113,7 +116,7 @@ class Table(Frozen):
 
     def model_post_init(self, context: Any, /) -> None:
         """Read the file."""
-        self._samples = read_table(self.table)
+        self._samples = read_table(self.table, (context or {}).get("scales"))
 
     @property
     def times(self) -> NDArray[np.float64]:
