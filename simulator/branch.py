@@ -221,7 +221,8 @@ class Branch:
             return float(0.5 * np.sum(np.asarray(self.equations.drive_power(points))) * (end - start))
         chord = np.repeat(np.diff(points, axis=1), 2, axis=1)
         directions = equilibrium.tangents(self.equations, points, chord)
-        return float(piece.work(self.equations, *piece.between(self.equations, points, directions))[0])
+        dense, speeds = piece.between(self.equations, points, directions)
+        return float(piece.resolved(self.equations, points, directions, dense, speeds, None).work.sum())
 
 
 def _where(ahead: FloatArray, m0: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:

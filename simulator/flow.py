@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-_LOOSE = 1e-3
+_LOOSE = 1e-4
 _TIGHT = 1e-11
 _NEAR = 0.05  # how far a Newton step may lead for Newton's method to take over
 _NEAREST = {_LOOSE: 1e-7, _TIGHT: 1e-10}  # the same, at last, by tolerance

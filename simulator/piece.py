@@ -134,7 +134,7 @@ def _polished(
         equations,
         np.concatenate([points[:, inner], guesses], axis=1),
         weights * np.concatenate([directions[:, inner], slopes], axis=1),
-        accuracy=1e-9,
+        accuracy=1e-12,
     )
     nodes, tangents = points.copy(), directions
     nodes[:, inner], tangents[:, inner] = states[:, :count], equilibrium.unit(equations, rates[:, :count])
@@ -142,10 +142,10 @@ def _polished(
     _check_smooth(weights, points, nodes, tangents, moved)
     _check_end(equations, conditions, nodes, tangents, end)
     _check_margins(equations, conditions, nodes, tangents, dense, end)
-    return _resolved(equations, nodes, tangents, dense, speeds, end)
+    return resolved(equations, nodes, tangents, dense, speeds, end)
 
 
-def _resolved(
+def resolved(
     equations: Equations,
     nodes: FloatArray,
     tangents: FloatArray,
@@ -182,7 +182,7 @@ def between(equations: Equations, nodes: FloatArray, tangents: FloatArray) -> tu
     """
     weights = 1.0 / equations.scales[:, None] ** 2
     guesses, slopes, bends = Cubics.through(weights, nodes, tangents).at_gauss_points()
-    states, rates = equilibrium.on_planes(equations, guesses, weights * slopes, accuracy=1e-9)
+    states, rates = equilibrium.on_planes(equations, guesses, weights * slopes, accuracy=1e-12)
     return _passing(weights, guesses, slopes, bends, states, rates)
 
 

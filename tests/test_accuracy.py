@@ -284,8 +284,8 @@ def test_machine_names_processor_and_versions():
 # -- what is left out ------------------------------------------------------------------------------------
 
 ROOMS = {
-    "assembly", "branch", "device", "drive", "elastomer", "equilibrium", "events", "flow", "history", "model",
-    "path", "scenario", "simulation", "walk",
+    "assembly", "branch", "device", "drive", "elastomer", "equilibrium", "events", "flow", "history",
+    "inflation", "model", "nearby", "path", "piece", "scenario", "simulation", "units", "walk",
 }  # fmt: skip
 LIBRARIES = {
     "annotated_types",

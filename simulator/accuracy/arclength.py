@@ -22,6 +22,7 @@ from simulator.events import stability
 from simulator.history import EventKind, History, Outcome
 from simulator.model import State
 from simulator.path import Effort
+from simulator.piece import Cubics, work
 from simulator.scenario import Output, Scenario, Solver
 from simulator.simulation import simulate
 
@@ -240,10 +241,10 @@ class _Unpolished:
     ) -> None:
         """Samples and ∫q dφ of a stay, on the cubics through the points along their directions."""
         equations = self.group.equations
-        cubics = path.Cubics.through(1.0 / equations.scales[:, None] ** 2, points, directions)
+        cubics = Cubics.through(1.0 / equations.scales[:, None] ** 2, points, directions)
         guesses, slopes, _ = cubics.at_gauss_points()
         shape = (len(points), points.shape[1] - 1, -1)
-        self.moved += float(np.sum(path.work(equations, guesses.reshape(shape), slopes.reshape(shape))))
+        self.moved += float(np.sum(work(equations, guesses.reshape(shape), slopes.reshape(shape))))
         wanted = (leg.fractions > start) & (leg.fractions <= end)
         voltages = leg.voltages()[wanted]
         if voltages.size:
@@ -303,7 +304,7 @@ def _sealed(task: Task) -> tuple[Group, FloatArray]:
     return group, np.array([*inflated.stretch[-1], inflated.pressure[-1], 0.0])
 
 
-def _on_cubics(cubics: path.Cubics, v: FloatArray, voltages: FloatArray) -> FloatArray:
+def _on_cubics(cubics: Cubics, v: FloatArray, voltages: FloatArray) -> FloatArray:
     """States at given voltages on cubics along which v is monotone, (n_unknowns, n); by bisection."""
     rising = v if v[-1] > v[0] else -v
     wanted = voltages if v[-1] > v[0] else -voltages
