@@ -498,6 +498,8 @@ def _check_margins(
                 beyond = _below_zero(equations, condition, columns[:, first - 1 : first + 2])
                 if beyond is not None:
                     break
+            else:
+                first, beyond = _beside_ends(equations, condition, columns, margin, tangents)
         if beyond is not None:
             # The points before it, and a state beyond the event.
             count = (first - 1) // (dense.shape[2] + 1) + 1
@@ -507,6 +509,40 @@ def _check_margins(
                 np.concatenate([states[:, :count], beyond[:, None]], axis=1),
                 np.concatenate([tangents[:, :count], tangents[:, count : count + 1]], axis=1),
             )
+
+
+def _beside_ends(
+    equations: Equations,
+    condition: Condition,
+    columns: FloatArray,
+    margin: FloatArray,
+    tangents: FloatArray,
+) -> tuple[int, FloatArray | None]:
+    """As `_below_zero` in the first and the last interval, where a dip may show in the margin's slope alone.
+
+    So it is where a piece begins beside the second of two roots that are closer to each other than any
+    two points: a snap that lands just beyond the limit point it is about to come back over.
+    """
+    last = margin.size - 1
+    for end, other in ((0, 1), (last, last - 1)):
+        if not 0.0 < margin[end] < margin[other]:
+            continue
+        inwards = tangents[:, 0] if end == 0 else -tangents[:, -1]
+        chord = columns[:, other] - columns[:, end]
+        weights = 1.0 / equations.scales**2
+        length = float(np.sqrt(weights @ (chord * chord)))
+        slope = float(condition.slope(columns[:, end]) @ inwards)
+        curve = (margin[other] - margin[end] - slope * length) / length**2
+        # As deep as a parabola has it, with allowance for what else the margin does.
+        if slope >= 0.0 or 0.25 * slope * slope / curve < 0.5 * margin[end]:
+            continue
+        guess = columns[:, end] - 0.5 * slope / (curve * length) * chord
+        bottom = equilibrium.on_planes(equations, guess[:, None], (weights * chord)[:, None])[0][:, 0]
+        triple = (columns[:, end], bottom, columns[:, other])
+        found = _below_zero(equations, condition, np.stack(triple if end == 0 else triple[::-1], axis=1))
+        if found is not None:
+            return max(end, 1), found
+    return 0, None
 
 
 def _below_zero(equations: Equations, condition: Condition, states: FloatArray) -> FloatArray | None:

@@ -1,0 +1,1 @@
+"""Stiff and extreme scenarios, each held against an exact reference or an invariant."""
