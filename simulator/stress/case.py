@@ -115,7 +115,7 @@ class Row:
 
     @property
     def verdict(self) -> str:
-        """ "holds", "fails honestly" (with a solver error), or "wrong"."""
+        """One of "holds", "fails honestly" (with a solver error) and "wrong"."""
         if self.finding is None:
             return "fails honestly"
         holds = self.finding.error <= self.finding.bound and self.outcome == self.case.outcome
@@ -143,9 +143,7 @@ def examine(case: Case, repetitions: int = 1) -> Row:
         kinds = [point.kind for point in result.points]
         return Row(case, kinds[-1], counted(kinds[:-1]), finding, "", result.ida_steps, taken)
     kinds = [event.kind.value for event in result.events]
-    return Row(
-        case, result.outcome.value, counted(kinds), finding, "", result.statistics.ida_steps, taken
-    )
+    return Row(case, result.outcome.value, counted(kinds), finding, "", result.statistics.ida_steps, taken)
 
 
 def counted(kinds: list[str]) -> str:

@@ -9,7 +9,7 @@ from functools import lru_cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from simulator import assembly
 from simulator.exact import (
@@ -23,7 +23,8 @@ from simulator.exact import (
     reference_history,
     states_on,
 )
-from simulator.scenario import Hold, Inflate
+from simulator.history import Outcome
+from simulator.scenario import Hold, Inflate, Ramp
 from simulator.scenario import Jump as JumpStep
 from simulator.stress.case import Finding
 
@@ -31,11 +32,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from simulator.history import Event, History
-    from simulator.scenario import Scenario
+    from simulator.scenario import PlayedStep, Scenario
 
 FloatArray = NDArray[np.float64]
 
 _SAME_DRIVE = 1e-13  # relative: the state of a drive is any that belongs to one no farther away
+_INFLATED = 100  # samples of the inflation that are looked at, of many
 AGAINST = "closed form"
 
 
@@ -97,6 +99,7 @@ def _compared(
         return Finding(math.inf, bound, AGAINST, "time goes back")
     at = [history.scenario.balloons.index(b) for b in sorted(history.scenario.balloons, key=_is_passive)]
     errors = [
+        *_ends_of_steps(history),
         *(relative(event.pressure_before, p) for event, p in zip(inflating, snaps, strict=True)),
         *_inflation_samples(history, pair, at, inflations),
         *_events(actuating, reference, at),
@@ -109,7 +112,7 @@ def _is_passive(balloon: object) -> bool:
     return not balloon.electrodes  # type: ignore[attr-defined]
 
 
-def relative(found: FloatArray | float, exact: FloatArray | float) -> float:
+def relative(found: ArrayLike, exact: ArrayLike) -> float:
     """Largest deviation; of what is above 1, relative."""
     return float(np.max(np.abs(np.subtract(found, exact)) / np.maximum(np.abs(exact), 1.0)))
 
@@ -117,22 +120,43 @@ def relative(found: FloatArray | float, exact: FloatArray | float) -> float:
 # -- what the scenario asks for ------------------------------------------------------------------------
 
 
+def _corners(step: PlayedStep, now: float) -> list[float]:
+    """Voltages that a step turns or ends at, from where it begins."""
+    if isinstance(step, Inflate | Hold):
+        return [now, now]
+    if isinstance(step, Ramp | JumpStep):
+        wanted = step.ramp if isinstance(step, Ramp) else step.jump
+        target = next(iter(wanted.values())) if isinstance(wanted, dict) else wanted
+        return [now, float(target)]
+    return [float(v) for v in assembly.motion(step, ("active",), [now], 0.0)[1].values]
+
+
 def _turns(scenario: Scenario) -> list[float | Jump]:
     """The corners of all voltage steps."""
     turns: list[float | Jump] = []
     now = 0.0
     for step in scenario.played_steps():
+        first, *values = _corners(step, now)
         if isinstance(step, Inflate | Hold):
             continue
-        values = assembly.motion(step, scenario.electroded, [now], 0.0)[1].values.tolist()
         if isinstance(step, JumpStep):
             turns.append(Jump(values[-1]))
-        elif values[0] != now and values[0] != values[-1]:
-            turns += [Jump(values[0]), *values[1:]]
         else:
-            turns += values[1:]
+            turns += [*([Jump(first)] if first != now else []), *values]
         now = values[-1]
     return turns
+
+
+def _ends_of_steps(history: History) -> Iterable[float]:
+    """Voltages, or pressures, at the end of every step but the last one of a history that ended in it."""
+    complete = int(history.step[-1]) - (history.outcome is not Outcome.COMPLETED)
+    last = np.searchsorted(history.step, np.arange(1, complete + 1), side="right") - 1
+    voltage = 0.0
+    for row, step in zip(last.tolist(), history.scenario.played_steps(), strict=False):
+        if isinstance(step, Inflate):
+            yield relative(history.pressure[row], step.inflate)
+        voltage = _corners(step, voltage)[-1]
+        yield relative(history.voltage[row, 0], voltage)
 
 
 def _without_idle(turns: list[float | Jump], curve: Curve | None) -> list[float | Jump]:
@@ -149,21 +173,27 @@ def _without_idle(turns: list[float | Jump], curve: Curve | None) -> list[float 
 
 
 def _repeated(pair: SealedPair, turns: list[float | Jump], curve: Curve | None) -> ReferenceHistory:
-    """The exact history; of turns to and fro without end, two cycles, the second one repeated."""
-    cycles = (len(turns) - 5) // 2
-    if cycles < 1 or turns[3:] != turns[1:-2]:
+    """The exact history; of two turns that alternate, only the first two cycles are played, and repeated."""
+    alternate = next((k for k in range(3, len(turns)) if turns[k] != turns[k - 2]), len(turns))
+    more = (alternate - 5) // 2
+    if more < 1:
         return reference_history(pair, turns, curve)
-    left = len(turns) - 2 * cycles  # five or six
-    reference = reference_history(pair, turns[:left], curve)
-    cycle = [event for event in reference.events if event.leg in (left - 2, left - 1)]
-    before = [event for event in reference.events if event.leg in (left - 4, left - 3)]
-    unlike = [replace(e, leg=0) for e in cycle] != [replace(e, leg=0) for e in before]
-    if unlike or any(event.after is None for event in cycle):
+    reference = reference_history(pair, [*turns[:5], *turns[5 + 2 * more :]], curve)
+    first, second = (
+        [replace(e, leg=0) for e in reference.events if e.leg in legs] for legs in ((1, 2), (3, 4))
+    )
+    if first != second or any(event.after is None for event in second):
         return reference_history(pair, turns, curve)
+    done = sum(event.leg < 5 for event in reference.events)
+    stayed = reference.segments
     return replace(
         reference,
-        events=(*reference.events, *(cycle * cycles)),
-        segments=(*reference.segments, *(reference.segments[-len(cycle) :] * cycles if cycle else ())),
+        events=(*reference.events[:done], *(second * more), *reference.events[done:]),
+        segments=(
+            *stayed[: done + 1],
+            *(stayed[done + 1 - len(second) : done + 1] * more),
+            *stayed[done + 1 :],
+        ),
     )
 
 
@@ -184,11 +214,12 @@ def _snap_pressures(pair: SealedPair, history: History) -> list[float]:
 def _inflation_samples(
     history: History, pair: SealedPair, at: Sequence[int], inflations: int
 ) -> Iterable[float]:
-    """Samples of the inflation, but for both sides of snaps, against p(λ)."""
+    """Some samples of the inflation, but for both sides of snaps, against p(λ)."""
     pressures = [s.inflate for s in history.scenario.played_steps() if isinstance(s, Inflate)]
     snapping = {event.time for event in history.events}
     ends = np.cumsum([s.over for s in history.scenario.played_steps() if isinstance(s, Inflate)])
-    for row in np.flatnonzero(history.step <= inflations).tolist():
+    rows = np.flatnonzero(history.step <= inflations)
+    for row in rows[:: max(1, rows.size // _INFLATED)].tolist():
         if history.time[row] in snapping:
             continue
         leg = int(np.searchsorted(ends, history.time[row]))

@@ -26,14 +26,20 @@ def cases() -> list[Case]:
         )
     ]
     found += [
-        Case("P₀ = 0", "no pressure: tension is lost at once", pair(0.0, *ramps(0.1)), closed_form, "loss_of_tension")
+        Case(
+            "P₀ = 0",
+            "no pressure: tension is lost at once",
+            pair(0.0, *ramps(0.1)),
+            closed_form,
+            "loss_of_tension",
+        )
     ]
     for below, name in ((-1e-12, "1e-12 below the snap"), (1e-12, "1e-12 above the snap")):
         for radius in (1.0, 0.5):
             found.append(
                 Case(
                     f"P₀ {name}, radius {radius:g}",
-                    "both balloons (the passive one, radius 0.5) are sealed where their own stiffness is 1e-6",
+                    "sealed where the stiffness of both balloons (radius 0.5: of the passive one) is 1e-6",
                     pair(SNAP_PRESSURE + below, *ramps(0.2, 0.0), ambient=0.05, active={"radius": radius}),
                     closed_form,
                 )

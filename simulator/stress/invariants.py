@@ -53,9 +53,7 @@ class Gas:
 
     @cached_property
     def _ratios(self) -> FloatArray:
-        return np.array(
-            [[b.pressure_load, b.electric_load, b.modulus, b.cube] for b in self.balloons]
-        ).T
+        return np.array([[b.pressure_load, b.electric_load, b.modulus, b.cube] for b in self.balloons]).T
 
     def pressure(self, stretch: FloatArray) -> FloatArray:
         """n/V − pₑ for stretches (…, n_balloons)."""
@@ -68,8 +66,7 @@ class Gas:
             x = stretch[:, i]
             n, d = balloon.elastomer.pole_form(x)
             load = d * (
-                balloon.pressure_load * pressure * x**2
-                + balloon.electric_load * voltage[:, i] ** 2 * x**3
+                balloon.pressure_load * pressure * x**2 + balloon.electric_load * voltage[:, i] ** 2 * x**3
             )
             worst = max(worst, float(np.max(np.abs(n - load) / np.maximum(np.abs(n) + load, 1.0))))
         return worst
@@ -109,7 +106,7 @@ class Gas:
 
 
 def invariants(history: History, bound: float = 1e-8) -> Finding:
-    """Balance of forces, amount of gas and energy books of the part with the valve closed, and its landings."""
+    """Force balance, gas and energy books of the part with the valve closed, and its landings."""
     inflations = sum(isinstance(step, Inflate) for step in history.scenario.played_steps())
     closed = np.flatnonzero(history.step > inflations)
     gas = Gas.of(history, int(closed[0]))
@@ -127,9 +124,7 @@ def invariants(history: History, bound: float = 1e-8) -> Finding:
             if event.step > inflations and event.kind == "limit_point" and event in history.snaps
         ),
     ]
-    return Finding(
-        max(errors), bound, "force balance, gas, energy, and landings of SciPy's Radau flow"
-    )
+    return Finding(max(errors), bound, "balance")
 
 
 def permuted(history: History, bound: float = 1e-8) -> Finding:
@@ -151,12 +146,9 @@ def _reversed(history: History, stretch: FloatArray, order: int, bound: float) -
     errors = [
         relative(other.stretch[:, ::order], stretch),
         relative(other.pressure, history.pressure),
-        *(
-            relative(e.voltage[::order], f.voltage)
-            for e, f in zip(other.events, history.events, strict=True)
-        ),
+        *(relative(e.voltage[::order], f.voltage) for e, f in zip(other.events, history.events, strict=True)),
     ]
-    against = f"{found.against}; the same balloons in reverse order"
+    against = f"{found.against}, reversed"
     return Finding(max(found.error, *errors), bound, against)
 
 
@@ -164,7 +156,7 @@ def alike(history: History, members: Sequence[int], bound: float = 1e-8) -> Find
     """`permuted`, and equal balloons stay equal."""
     found = permuted(history, bound)
     spread = float(np.ptp(history.stretch[:, list(members)], axis=1).max())
-    against = f"{found.against}; equal balloons alike"
+    against = f"{found.against}, equal balloons alike"
     return Finding(max(found.error, spread), bound, against)
 
 

@@ -144,7 +144,7 @@ def _parts(history: History, pressure: float = 0.6, ambient: float = 0.05) -> Fi
     )
     found = mirrored(history)
     return replace(
-        found, error=max(found.error, error), against=f"symmetric state in closed form; {found.against}"
+        found, error=max(found.error, error), against=f"{found.against}, symmetric state in closed form"
     )
 
 
@@ -152,9 +152,7 @@ def _koiter(history: History) -> Finding:
     """The limit point lies below the branch point by a distance that goes as the imperfection to the 2/3."""
     voltage = _symmetric_branch_point(0.6, 0.05)[2]
     written = history.scenario.to_dict()
-    larger = simulate(
-        load_scenario({**written, "balloon": _with_electrodes(written, 1.0 + 8e-9)})
-    )
+    larger = simulate(load_scenario({**written, "balloon": _with_electrodes(written, 1.0 + 8e-9)}))
     gaps = [voltage - h.events[0].voltage[0] for h in (history, larger)]
     if gaps[0] <= 0.0 or history.events[0].kind != "limit_point":
         return Finding(np.inf, 0.0, "Koiter's law", "no limit point before the branch point")
@@ -162,7 +160,7 @@ def _koiter(history: History) -> Finding:
     if found.error > found.bound:
         return found
     return Finding(
-        abs(gaps[1] / gaps[0] / 4.0 - 1.0), 0.05, f"Koiter's 2/3-power law; {found.against} within 1e-8"
+        abs(gaps[1] / gaps[0] / 4.0 - 1.0), 0.05, f"Koiter's 2/3-power law ({found.against} within 1e-8)"
     )
 
 

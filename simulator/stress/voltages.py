@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import optimize
@@ -46,7 +46,7 @@ def _loads() -> list[Case]:
     return found
 
 
-def _snapping(*steps: Written, **more: Written) -> Written:
+def _snapping(*steps: Written, **more: Any) -> Written:
     """Fig. 3c, state B, which snaps out at 0.360 and back at 0.270."""
     return pair(1.2, *steps, ambient=0.015, **more)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from simulator.scenario import Table
 from simulator.stress.case import Case, Finding
 from simulator.stress.closed_form import closed_form
-from simulator.stress.devices import pair, ramps
+from simulator.stress.devices import Written, pair
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -57,7 +57,7 @@ def cases(rows: int, cycles: int) -> list[Case]:
     ]
 
 
-def _snapping(*steps: Mapping[str, object], **sections: object) -> dict[str, object]:
+def _snapping(*steps: Mapping[str, Any], **sections: Any) -> Written:
     return pair(1.2, *steps, ambient=0.015, **sections)
 
 
