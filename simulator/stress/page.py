@@ -24,7 +24,7 @@ _HEAD = """\
 # Stability: stiff and extreme scenarios
 
 This page is written by `balloons stress`; every row is computed as it is written, and is a test in
-`tests/test_stress.py`.
+`tests/test_stress.py` (there with shorter waveforms and fewer random pairs).
 
 """
 
@@ -38,8 +38,9 @@ is below the bound. Times are of `simulate` alone.
 
 What a case is held against: the *closed form* is `simulator.exact`, all equilibria of a pair to rounding,
 and its snaps by an independent flow of SciPy's at 1e-10. *Balance* is force balance, gas law and energy
-books, and every snap's landing where SciPy's Radau flow of that device rests. *Reversed* is the same device
-with its balloons written in reverse order.
+books, and that a snap which comes to rest does so where SciPy's Radau flow of that device rests; where one
+loses tension on its way is not compared. *Reversed* is the same device with its balloons written in reverse
+order.
 
 """
 
