@@ -19,6 +19,7 @@ from simulator.model import Equations
 FloatArray = NDArray[np.float64]
 
 _LEAVE = 1e-3  # stretch by which a branch is started off the branch point that it leaves
+_ROUNDING = 1e-7  # in scaled unknowns: of states beside a limit point
 _MOST_SAMPLES = 16  # sets of samples that a branch remembers
 
 
@@ -166,6 +167,7 @@ class Branch:
         if between.any():
             guesses = self._guess(place[between], v[between])
             states[:, between] = equilibrium.at_drive(self.equations, guesses)
+            self._check_between(place[between], states[:, between])
         return states
 
     def _solved_one(self, v: float) -> FloatArray:
@@ -177,7 +179,25 @@ class Branch:
         place = int(np.searchsorted(nodes, v, side="right")) - 1
         if nodes[place] == v:
             return self.states[:, place]
-        return equilibrium.one_at_drive(self.equations, self._guess(np.array([place]), np.array([v]))[:, 0])
+        at = np.array([place])
+        state = equilibrium.one_at_drive(self.equations, self._guess(at, np.array([v]))[:, 0])
+        self._check_between(at, state[:, None])
+        return state
+
+    def _check_between(self, place: NDArray[np.int64], states: FloatArray) -> None:
+        """States lie between the points of their intervals, where Newton's method may have left it.
+
+        Tangents are within 45° of the chord, so the curve bulges by at most a fifth of it.
+        """
+        weights = 1.0 / self.equations.scales[:, None] ** 2
+        chord = self.states[:, place + 1] - self.states[:, place]
+        ahead = states - self.states[:, place]
+        square = np.sum(weights * chord * chord, axis=0)
+        share = np.sum(weights * chord * ahead, axis=0) / square
+        aside = np.sum(weights * (ahead - share * chord) ** 2, axis=0)
+        slack = _ROUNDING / np.sqrt(square)
+        if np.any((share < -slack) | (share > 1.0 + slack) | (aside > 0.09 * square + _ROUNDING**2)):
+            raise equilibrium.NotConverged("a state is not between the points of its branch")
 
     def _guess(self, place: NDArray[np.int64], v: FloatArray) -> FloatArray:
         """Interpolated states at v, each in its interval."""

@@ -285,6 +285,25 @@ def accuracy(
 
 
 @app.command()
+def stress(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where stability.md goes.")] = Path("docs"),
+    scenarios: Annotated[Path, typer.Option(metavar="DIR", help="Where the paper's scenarios are.")] = Path(
+        "scenarios"
+    ),
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+) -> None:
+    """Play stiff and extreme scenarios, and runs made to go wrong; write stability.md (takes minutes)."""
+    from simulator.files import check_writable
+    from simulator.stress.page import stability_page
+
+    def produce() -> dict[str, bytes]:
+        check_writable(out, ("stability.md",))
+        return {"stability.md": stability_page(scenarios, out / "fuzz.json").encode()}
+
+    _write_documents(out, produce, quiet=quiet)
+
+
+@app.command()
 def explain(scenario: ScenarioArgument) -> None:
     """Say which unknowns, equations, events and smooth pieces a scenario leads to, and what is left out."""
     from simulator.explanation import explain as explanation

@@ -231,6 +231,7 @@ def _flow(
             margins.append(lambda y: far - max(y[i] for i in endless))
         if resting(state.tolist()) > 0.0:
             states, ended = integrate(equations, margins, state, rtol, effort)
+            _check_downhill(equations, states)
             closest = [
                 min(low, float(np.min(margin(states))))
                 for low, margin in zip(closest, margins[: len(conditions)], strict=True)
@@ -261,6 +262,14 @@ def _flow(
     raise FlowError("the flow slows down where there is no rest")
 
 
+def _check_downhill(equations: Equations, states: FloatArray) -> None:
+    """A gradient flow only loses potential. What gains some is not the flow."""
+    energy = np.asarray(equations.potential(states))
+    size = sum(wall.weight for wall in equations.walls)
+    if np.any(np.diff(energy) > 1e-3 * np.ptp(energy) + 1e-12 * size):
+        raise FlowError("the potential rises along the flow")
+
+
 def _past(
     equations: Equations, conditions: Sequence[Condition], fold: FloatArray, v: float
 ) -> FloatArray | None:
@@ -280,8 +289,13 @@ def _at_margin(equations: Equations, condition: Condition, state: FloatArray) ->
     for _ in range(3):
         values, rates = _consistent(equations, state)
         state = np.append(values, state[-1])
+        margin = float(condition.margin(state.tolist()))
+        if margin == 0.0:
+            break
         speed = float(condition.slope(state)[:-1] @ rates)
-        ahead = -float(condition.margin(state.tolist())) / speed
+        if speed == 0.0:
+            break  # at rest already
+        ahead = -margin / speed
         state[: len(equations.walls)] += ahead * rates[: len(equations.walls)]
     return np.append(_consistent(equations, state)[0], state[-1])
 

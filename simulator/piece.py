@@ -41,7 +41,9 @@ _LAST_COEFFICIENTS = np.stack(
 )
 _WORK_ERROR = 1e-10  # of the work of an interval, over that of the piece
 _MOST_HALVINGS = 6
+_ASIDE = 0.05  # over the length of an interval: how far the curve may be from the cubic through its ends
 _MOST_CUTS = 4
+_MOST_CLOSER = 24
 SHORT = 1e-7  # in v over its scale: too short a piece to be followed
 ULPS = 4.0 * np.finfo(float).eps  # two values of v closer than this, relatively, are one
 
@@ -78,6 +80,14 @@ class _PassedUnseen(NotConverged):
         self.place, self.points, self.directions = place, points, directions
 
 
+class _TurnsAtEnd(NotConverged):
+    """The path turns sharply just before the event that ends it; the nodes before that are right."""
+
+    def __init__(self, nodes: FloatArray, tangents: FloatArray) -> None:
+        super().__init__("the path turns too sharply before its end")
+        self.nodes, self.tangents = nodes, tangents
+
+
 def polished(
     equations: Equations,
     conditions: Sequence[Condition],
@@ -108,6 +118,8 @@ def polished(
             return _polished(equations, conditions, points, directions, ended, target)
         except _PassedUnseen as passed:
             points, directions, ended = passed.points, passed.directions, passed.place
+        except _TurnsAtEnd as sharp:
+            points, directions = _approaching(equations, conditions, sharp.nodes, sharp.tangents)
     raise NotConverged(f"several {conditions[ended].kind} were passed unseen")
 
 
@@ -138,8 +150,11 @@ def _polished(
     )
     nodes, tangents = points.copy(), directions
     nodes[:, inner], tangents[:, inner] = states[:, :count], equilibrium.unit(equations, rates[:, :count])
-    dense, speeds = _passing(weights, guesses, slopes, bends, states[:, count:], rates[:, count:])
     _check_smooth(weights, points, nodes, tangents, moved)
+    try:
+        dense, speeds = _passing(weights, guesses, slopes, bends, states[:, count:], rates[:, count:])
+    except NotConverged:  # the cubics through unpolished points can be crooked where these lie close
+        dense, speeds = between(equations, nodes, tangents)
     _check_end(equations, conditions, nodes, tangents, end)
     _check_margins(equations, conditions, nodes, tangents, dense, end)
     return resolved(equations, nodes, tangents, dense, speeds, end)
@@ -175,6 +190,50 @@ def resolved(
     return Segment(nodes, tangents, dense, speeds, done, end)
 
 
+def _approaching(
+    equations: Equations, conditions: Sequence[Condition], nodes: FloatArray, tangents: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Nodes with more of them before the last, ever closer to it, and tangents.
+
+    Where an imperfection breaks up a branch point the path turns off within a length that only its own end
+    tells. Beyond the bend the distance to the fold goes as the root of the distance in v.
+    """
+    inside, event = nodes[:, -2], nodes[:, -1]
+    state = inside
+    more: list[FloatArray] = []
+    past_bend = 0
+    for k in range(1, _MOST_CLOSER):
+        left = (event[-1] - inside[-1]) * 4.0**-k
+        if abs(left) <= rounding(equations, float(event[-1])):
+            break
+        for guess in (0.5 * (state + event), state.copy()):
+            guess[-1] = event[-1] - left
+            try:
+                found = equilibrium.one_at_drive(equations, guess)
+            except NotConverged:
+                continue
+            if float(conditions[0].margin(found.tolist())) > 0.0:
+                break
+        else:
+            raise NotConverged("the path turns too sharply before its end")
+        closer_by = float(np.linalg.norm(found - event) / np.linalg.norm(state - event))
+        past_bend = past_bend + 1 if closer_by > 0.4 else 0
+        state = found
+        more.append(state)
+        if past_bend == 3:
+            break
+    if not more:
+        raise NotConverged("the path turns too sharply before its end")
+    closer = np.stack(more, axis=1)
+    towards = np.diff(np.concatenate([inside[:, None], closer], axis=1), axis=1)
+    return (
+        np.concatenate([nodes[:, :-1], closer, event[:, None]], axis=1),
+        np.concatenate(
+            [tangents[:, :-1], equilibrium.tangents(equations, closer, towards), tangents[:, -1:]], axis=1
+        ),
+    )
+
+
 def between(equations: Equations, nodes: FloatArray, tangents: FloatArray) -> tuple[FloatArray, FloatArray]:
     """States at the Gauss points between nodes, and how fast they pass, (n_unknowns, n − 1, k) both.
 
@@ -194,7 +253,13 @@ def _passing(
     states: FloatArray,
     rates: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """What `between` returns, from a cubic c(ξ), c′, c″ at Gauss points and the states on its planes."""
+    """What `between` returns, from a cubic c(ξ), c′, c″ at Gauss points and the states on its planes.
+
+    Raises NotConverged where these are far from the cubic, over its speed: they may not be in order.
+    """
+    aside = np.sum(weights * (states - guesses) ** 2, axis=0)
+    if np.any(aside > _ASIDE**2 * np.sum(weights * slopes * slopes, axis=0)):
+        raise NotConverged("states between two points are far from the cubic through them")
     # On planes across the cubic the state moves at dy/dξ = rate (|c′|² − c″·(y − c)).
     speeds = rates * np.sum(weights * (slopes * slopes - bends * (states - guesses)), axis=0)
     shape = (len(guesses), -1, GAUSS_POINTS.size)
@@ -302,8 +367,10 @@ def _check_smooth(
     turns = np.minimum(
         np.einsum("ij,ij->j", scaled, tangents[:, 1:]), np.einsum("ij,ij->j", scaled, tangents[:, :-1])
     )
-    if np.any(turns < 0.7 * lengths):
+    if np.any(turns[:-1] < 0.7 * lengths[:-1]):
         raise NotConverged("the path turns too sharply between two points")
+    if turns[-1] < 0.7 * lengths[-1]:
+        raise _TurnsAtEnd(states, tangents)
     if chords[-1].min() * chords[-1].max() <= 0.0:
         raise NotConverged("v is not monotone")
 
