@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from simulator import equilibrium
 from simulator.equilibrium import NotConverged
-from simulator.events import Condition
+from simulator.events import Condition, softest_mode
 from simulator.model import Equations
 
 if TYPE_CHECKING:
@@ -44,6 +44,7 @@ _MOST_LOOKS = 50_000  # of IDA at the events, about one a step
 # Tolerance, over the one asked for, and longest step (0: any) of each attempt to follow a piece.
 _ATTEMPTS = ((1.0, 0.0), (0.1, 0.0), (1e-2, 0.25), (1e-3, 0.05), (1e-4, 0.01), (1e-5, 2e-3))
 _LITTLE = 1e-2  # a margin below which the event may be close
+_BARELY = 1e-3  # a margin of stability this small may be that of a singular point
 _CLOSE = 1e-3  # of two states, in scaled unknowns: too close for steps from one to the other
 _UPRIGHT = 1e-6  # share of v in a unit tangent, below which the state is a limit point to rounding
 _STRAIGHT = 1e-6  # in scaled unknowns: the length of a chord that is the curve to rounding
@@ -133,6 +134,19 @@ def follow(
             return _mended(equations, conditions, points, directions, ended, target)
         except (ArithmeticError, np.linalg.LinAlgError) as not_converged:
             failure = not_converged
+    off = _off_singular(equations, conditions, start, target)
+    if off is not None:
+        nodes, tangents = off
+        rest = follow(equations, conditions, nodes[:, 1], target, rtol, effort)
+        dense, speeds = straight(nodes)
+        return Segment(
+            np.concatenate([nodes[:, :1], rest.states], axis=1),
+            np.concatenate([tangents[:, :1], rest.tangents], axis=1),
+            np.concatenate([dense, rest.dense], axis=1),
+            np.concatenate([speeds, rest.speeds], axis=1),
+            np.concatenate([work(equations, dense, speeds), rest.work]),
+            rest.end,
+        )
     raise PathError(f"{failure} from v = {start[-1]:.12g} to {target:.12g}") from failure
 
 
@@ -170,9 +184,8 @@ def _up_to_event(
     for condition in conditions:
         if float(condition.margin(values)) > _LITTLE:
             continue
-        try:
-            event = equilibrium.at_event(equations, condition, start)
-        except NotConverged:
+        event = _event_beside(equations, condition, start, sense)
+        if event is None:
             continue
         ahead = sense * float(event[-1] - start[-1])
         if (
@@ -216,6 +229,18 @@ def _up_to_event(
     return Segment(nodes, tangents, dense, speeds, work(equations, dense, speeds), end)
 
 
+def _event_beside(
+    equations: Equations, condition: Condition, start: FloatArray, sense: float
+) -> FloatArray | None:
+    """The event that Newton's method finds from a state, if any."""
+    for ahead in (0.0, 1e-6, 1e-4):  # without a voltage the forces do not yet depend on it
+        guess = start.copy()
+        guess[-1] += sense * ahead * equations.scales[-1]
+        with contextlib.suppress(NotConverged):
+            return equilibrium.at_event(equations, condition, guess)
+    return None
+
+
 def _ends_path(equations: Equations, condition: Condition, event: FloatArray, sense: float) -> bool:
     """Whether an event ends a path on which v goes in a sense, or one on which it goes the other way."""
     towards = np.zeros_like(event)
@@ -224,8 +249,45 @@ def _ends_path(equations: Equations, condition: Condition, event: FloatArray, se
         # No path goes on from there; the state falls, and a path that ends there led up to where it falls.
         escape = equilibrium.escape_direction(equations, event, sense)
         towards[: escape.size], towards[-1] = escape, 0.0
-    tangent = equilibrium.tangent_at_end(equations, event, towards)
-    return bool(condition.slope(event) @ tangent < 0.0)
+    with np.errstate(invalid="ignore"):  # there may be no such tangent
+        tangent = equilibrium.tangent_at_end(equations, event, towards)
+    return bool(condition.slope(event) @ tangent < -1e-9)
+
+
+def _off_singular(
+    equations: Equations, conditions: Sequence[Condition], start: FloatArray, target: float
+) -> tuple[FloatArray, FloatArray] | None:
+    """A state that is barely stable, the next one on the path along its soft mode, and tangents, columns.
+
+    Balloons sealed at the very pressure at which they snap open are in such a state: as the voltage rises
+    from 0 they part like φ^⅔, at once steeply, along the mode in which one grows and the other shrinks.
+    None if the path does not set out like that.
+    """
+    stable = conditions[0].margin
+    softness = float(stable(start.tolist()))
+    if not softness < _BARELY:
+        return None
+    sense = 1.0 if target > start[-1] else -1.0
+    weights = 1.0 / equations.scales[:, None] ** 2
+    mode = np.zeros((start.size, 1))
+    mode[: len(equations.walls), 0] = softest_mode(equations, start)
+    for length in (_CLOSE, 0.1 * _CLOSE, 0.01 * _CLOSE):
+        for way in (mode, -mode):
+            guess = start[:, None] + length * way
+            guess[-1] += 10.0 * sense * length * equations.scales[-1]
+            try:
+                near, rates = equilibrium.on_planes(equations, guess, weights * way)
+            except NotConverged:
+                continue
+            values = near[:, 0].tolist()
+            if (
+                0.0 < sense * (values[-1] - start[-1]) < abs(target - start[-1])
+                and float(stable(values)) > max(10.0 * softness, 0.0)
+                and all(float(condition.margin(values)) > 0.0 for condition in conditions)
+            ):
+                nodes = np.concatenate([start[:, None], near], axis=1)
+                return nodes, equilibrium.unit(equations, np.concatenate([way, rates], axis=1))
+    return None
 
 
 def _before_event(equations: Equations, inside: FloatArray, event: FloatArray, target: float) -> FloatArray:
