@@ -180,24 +180,17 @@ def _up_to_event(
     """
     sense = 1.0 if target > start[-1] else -1.0
     values = start.tolist()
-    found: tuple[float, str, FloatArray] | None = None
+    found: tuple[str, FloatArray] | None = None
     for condition in conditions:
         if float(condition.margin(values)) > _LITTLE:
             continue
         event = _event_beside(equations, condition, start, sense)
-        if event is None:
-            continue
-        ahead = sense * float(event[-1] - start[-1])
-        if (
-            np.max(np.abs(event - start) / equations.scales) < _CLOSE
-            and ahead >= -rounding(equations, values[-1])
-            and (found is None or ahead < found[0])
-            and _ends_path(equations, condition, event, sense)
-        ):
-            found = ahead, condition.kind, event
+        if event is not None and (found is None or sense * (event[-1] - found[1][-1]) < 0.0):
+            found = condition.kind, event
     if found is None:
         return None
-    ahead, kind, event = found
+    kind, event = found
+    ahead = sense * float(event[-1] - start[-1])
     way = np.zeros_like(start)
     way[-1] = sense
     if ahead <= rounding(equations, values[-1]):
@@ -232,12 +225,20 @@ def _up_to_event(
 def _event_beside(
     equations: Equations, condition: Condition, start: FloatArray, sense: float
 ) -> FloatArray | None:
-    """The event that Newton's method finds from a state, if any."""
+    """The event close to a state that ends the path ahead of it, if there is one."""
     for ahead in (0.0, 1e-6, 1e-4):  # without a voltage the forces do not yet depend on it
         guess = start.copy()
         guess[-1] += sense * ahead * equations.scales[-1]
-        with contextlib.suppress(NotConverged):
-            return equilibrium.at_event(equations, condition, guess)
+        try:
+            event = equilibrium.at_event(equations, condition, guess)
+        except NotConverged:
+            continue
+        if (
+            np.max(np.abs(event - start) / equations.scales) < _CLOSE
+            and sense * (event[-1] - start[-1]) >= -rounding(equations, float(start[-1]))
+            and _ends_path(equations, condition, event, sense)
+        ):
+            return event
     return None
 
 
