@@ -241,10 +241,10 @@ def _flow(
             if ended > len(conditions):
                 return Rest(state, "runaway"), closest
         nearest = near <= _NEAREST[rtol]
-        landing = _landing(equations, conditions, state, surely=not nearest)
+        landing = _landing(equations, conditions, state, state, surely=not nearest)
         fold = _fold_beside(equations, state) if landing is None else None
         if landing is None and fold is not None:
-            landing = _at_fold(equations, state, fold)
+            landing = _at_fold(equations, conditions, state, fold, surely=not nearest)
         if landing is not None:
             return Rest(landing, None), closest
         if fold is not None and not passed and np.max(np.abs(fold - state) / equations.scales) < _GHOST:
@@ -389,26 +389,26 @@ def _fold_beside(equations: Equations, state: FloatArray) -> FloatArray | None:
     return fold if np.max(np.abs(fold - state) / equations.scales) <= 2.0 * _NEAR else None
 
 
-def _at_fold(equations: Equations, state: FloatArray, fold: FloatArray) -> FloatArray | None:
+def _at_fold(
+    equations: Equations,
+    conditions: Sequence[Condition],
+    state: FloatArray,
+    fold: FloatArray,
+    *,
+    surely: bool,
+) -> FloatArray | None:
     """The rest of a state creeping up to a limit point, where v is its voltage or a little short of it."""
     v = float(state[-1])
     if abs(fold[-1] - v) <= 16.0 * np.finfo(float).eps * max(abs(v), float(equations.scales[-1])):
         fold = fold.copy()
         fold[-1] = v
-        return fold
+        return fold if _keeps(equations, conditions, state, fold, surely=surely) else None
     # Beside a fold the distance to it goes as the root of the distance in v: tried closer and closer.
-    stable = stability(equations).margin
     for share in 10.0 ** np.arange(0.0, -8.0, -0.5):
         guess = fold + share * (state - fold)
         guess[-1] = v
-        try:
-            landing = equilibrium.one_at_drive(equations, guess)
-        except NotConverged:
-            continue
-        if (
-            np.max(np.abs(landing - state) / equations.scales) < 2.0 * _NEAR
-            and stable(landing.tolist()) > 0.0
-        ):
+        landing = _landing(equations, conditions, guess, state, surely=surely)
+        if landing is not None:
             return landing
     return None
 
@@ -425,28 +425,41 @@ def _broken_at_rest(
 
 
 def _landing(
-    equations: Equations, conditions: Sequence[Condition], state: FloatArray, *, surely: bool
+    equations: Equations,
+    conditions: Sequence[Condition],
+    guess: FloatArray,
+    state: FloatArray,
+    *,
+    surely: bool,
 ) -> FloatArray | None:
-    """The stable rest that a flowing state is about to reach, or None where that is not certain.
-
-    `surely`: so near that no margin can fall to zero on the way there, however it goes.
-    """
+    """The stable rest that a flowing state is about to reach, or None where that is not certain."""
     try:
-        landing = equilibrium.one_at_drive(equations, state)
+        landing = equilibrium.one_at_drive(equations, guess)
     except NotConverged:
         return None
     # Near, and stable all the way there: nothing else can hold the flow up in between.
     if np.max(np.abs(landing - state) / equations.scales) > 2.0 * _NEAR:
         return None
-    if not _holds(conditions, landing):
-        return None  # something ends the flow before it gets there
     stable = stability(equations).margin
     if any(stable((state + share * (landing - state)).tolist()) <= 0.0 for share in (0.5, 1.0)):
         return None
-    if surely:
-        way = (landing - state)[: len(equations.walls)]
-        for condition in conditions:
-            low = min(float(condition.margin(y.tolist())) for y in (state, landing))
-            if low < 2.0 * _variation(equations, condition, landing, way):
-                return None
-    return landing
+    return landing if _keeps(equations, conditions, state, landing, surely=surely) else None
+
+
+def _keeps(
+    equations: Equations,
+    conditions: Sequence[Condition],
+    state: FloatArray,
+    landing: FloatArray,
+    *,
+    surely: bool,
+) -> bool:
+    """Whether the conditions hold where a flow is about to rest; `surely`, on any way there too."""
+    if not _holds(conditions, landing):
+        return False  # something ends the flow before it gets there
+    way = (landing - state)[: len(equations.walls)]
+    return not surely or all(
+        min(float(c.margin(y.tolist())) for y in (state, landing))
+        >= 2.0 * _variation(equations, c, landing, way)
+        for c in conditions
+    )
