@@ -70,7 +70,7 @@ def relax(
     effort: Effort,
     *,
     tight: bool = False,
-    fine_start: FloatArray | None = None,
+    fine_start: Callable[[], FloatArray | None] | None = None,
 ) -> Rest:
     """Let a state flow, at its own v, until it rests or one of the conditions ends it.
 
@@ -85,22 +85,22 @@ def relax(
         Counters, added to.
     tight : bool
         Integrate tightly from the start.
-    fine_start : (n_unknowns,) array, optional
-        Where it starts when it is integrated tightly; `start` if not given.
+    fine_start : callable, optional
+        Gives the state (n_unknowns,) it starts from when it is integrated tightly; `start` if not given.
 
     Raises
     ------
     FlowError
         If it does neither within many steps.
     """
-    fine_start = start if fine_start is None else fine_start
     if not tight:
         # Loosely, unless that fails, or what is found depends on the way.
         with contextlib.suppress(FlowError):
             rest, closest = _flow(equations, conditions, start, _LOOSE, effort)
             if rest.end is None and _certain(equations, conditions, start, rest.state, closest):
                 return rest
-    return _flow(equations, conditions, fine_start, _TIGHT, effort)[0]
+    fine = fine_start() if fine_start is not None else None
+    return _flow(equations, conditions, start if fine is None else fine, _TIGHT, effort)[0]
 
 
 def _certain(
@@ -153,8 +153,11 @@ def snap(
             values = at_once.tolist()
             return Rest(at_once, min(conditions, key=lambda c: float(c.margin(values))).kind)
         raise FlowError("no way down from the limit point")
-    fine = _off(equations, conditions, fold, escape, _FINE)
     distance = np.max(np.abs(start - fold) / equations.scales)
+
+    def fine() -> FloatArray | None:
+        return _off(equations, conditions, fold, escape, _FINE)
+
     for once_more in (False, True):
         rest = relax(equations, conditions, start, effort, tight=once_more, fine_start=fine)
         if rest.end is not None or np.max(np.abs(rest.state - fold) / equations.scales) > distance:
