@@ -93,6 +93,7 @@ def on_planes(
             # Beside a fold or a stretch limit rounding keeps the steps larger than that. A residual that
             # the last bits of the unknowns make up is zero.
             noise = np.einsum("nij,jn->ni", np.abs(matrices[:, :-1]), np.abs(states))
+            noise += np.broadcast_to(equations.given_load(states), count)[:, None]
             done |= np.all(np.abs(residual) <= 16.0 * _EPS * noise, axis=1)
         if done.all():
             return states, np.asarray(solved[:, :, 1].T)
@@ -125,16 +126,17 @@ def one_at_drive(equations: Equations, guess: FloatArray) -> FloatArray:
             size = max(size, abs(change) / max(abs(state[i]), scales[i]))
         if not size < 1e3:
             break
-        if size**3 <= 1e-15 * before**2 or size <= 4e-15 or _is_noise(residual, rows, state):
+        if size**3 <= 1e-15 * before**2 or size <= 4e-15 or _is_noise(equations, residual, rows, state):
             return np.array(state)
         before = size
     raise NotConverged("state at a given drive")
 
 
-def _is_noise(residual: Sequence[float], rows: Rows, state: Sequence[float]) -> bool:
+def _is_noise(equations: Equations, residual: Sequence[float], rows: Rows, state: Sequence[float]) -> bool:
     """Whether a residual is no more than the last bits of the unknowns make it."""
+    given = equations.given_load(state)
     return all(
-        abs(r) <= 16.0 * _EPS * sum(abs(a * y) for a, y in zip(row, state, strict=True))
+        abs(r) <= 16.0 * _EPS * (given + sum(abs(a * y) for a, y in zip(row, state, strict=True)))
         for r, row in zip(residual, rows, strict=True)
     )
 
@@ -198,7 +200,9 @@ def at_event(equations: Equations, condition: Condition, guess: FloatArray) -> F
         state = state - scales * step
         size = float(np.max(np.abs(step)))
         settled = size <= 4e-15 or size**3 <= 1e-15 * before**2
-        if settled or (not size < 0.5 * before and _is_noise(defect.tolist(), [*rows, slope], values)):
+        if settled or (
+            not size < 0.5 * before and _is_noise(equations, defect.tolist(), [*rows, slope], values)
+        ):
             even = _symmetric(equations, np.asarray(state))
             # Told apart by rounding only, equal balloons split a multiple eigenvalue: again, from the middle.
             return even if np.abs(even - state).max() <= 1e-12 else at_event(equations, condition, even)
@@ -213,7 +217,7 @@ def _symmetric(equations: Equations, state: FloatArray) -> FloatArray:
     """
     even = _evened(equations, state)
     residual, rows = equations.linearised(even.tolist())
-    return even if _is_noise(residual, rows, even.tolist()) else state
+    return even if _is_noise(equations, residual, rows, even.tolist()) else state
 
 
 def _evened(equations: Equations, state: FloatArray) -> FloatArray:

@@ -18,8 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator import equilibrium
+from simulator.arrival import (
+    NEAR,
+    broken_at_rest,
+    fold_beside,
+    holds,
+    landing_beside,
+    landing_from,
+    variation,
+)
 from simulator.elastomer import Number
-from simulator.equilibrium import NotConverged
 from simulator.events import Condition, stability
 from simulator.model import Equations, State
 from simulator.path import Effort
@@ -31,7 +39,6 @@ FloatArray = NDArray[np.float64]
 
 _LOOSE = 1e-4
 _TIGHT = 1e-11
-_NEAR = 0.05  # how far a Newton step may lead for Newton's method to take over
 _NEAREST = {_LOOSE: 1e-7, _TIGHT: 1e-10}  # the same, at last, by tolerance
 _GHOST = 1e-3  # how near a limit point that no longer holds it a creeping state is taken past it
 _LONGEST = 1e12  # a time never reached
@@ -63,7 +70,7 @@ def relax(
     effort: Effort,
     *,
     tight: bool = False,
-    fine_start: FloatArray | None = None,
+    fine_start: Callable[[], FloatArray | None] | None = None,
 ) -> Rest:
     """Let a state flow, at its own v, until it rests or one of the conditions ends it.
 
@@ -78,22 +85,22 @@ def relax(
         Counters, added to.
     tight : bool
         Integrate tightly from the start.
-    fine_start : (n_unknowns,) array, optional
-        Where it starts when it is integrated tightly; `start` if not given.
+    fine_start : callable, optional
+        Gives the state (n_unknowns,) it starts from when it is integrated tightly; `start` if not given.
 
     Raises
     ------
     FlowError
         If it does neither within many steps.
     """
-    fine_start = start if fine_start is None else fine_start
     if not tight:
         # Loosely, unless that fails, or what is found depends on the way.
         with contextlib.suppress(FlowError):
             rest, closest = _flow(equations, conditions, start, _LOOSE, effort)
             if rest.end is None and _certain(equations, conditions, start, rest.state, closest):
                 return rest
-    return _flow(equations, conditions, fine_start, _TIGHT, effort)[0]
+    fine = fine_start() if fine_start is not None else None
+    return _flow(equations, conditions, start if fine is None else fine, _TIGHT, effort)[0]
 
 
 def _certain(
@@ -109,20 +116,9 @@ def _certain(
     return all(
         # A margin that was smallest at the start or at the rest was not grazed on the way.
         (low > 0.02 or low > 0.5 * min(c.margin(first), c.margin(last)))
-        and low > 10.0 * _variation(equations, c, rest, blur)
+        and low > 10.0 * variation(equations, c, rest, blur)
         for low, c in zip(closest, conditions, strict=True)
     )
-
-
-def _variation(equations: Equations, condition: Condition, state: FloatArray, change: FloatArray) -> float:
-    """How much a margin varies, at most and to first order, as the stretches change by so much each."""
-    count = len(equations.walls)
-    slope = condition.slope(state)
-    along = slope[:count]
-    if equations.has_pressure:
-        gas = equations.linearised(state.tolist())[1][count]
-        along = along - slope[count] * np.array(gas[:count], dtype=np.float64) / float(gas[count])
-    return float(np.abs(along) @ np.abs(change))
 
 
 def snap(
@@ -153,12 +149,15 @@ def snap(
     start = _off(equations, conditions, fold, escape, _NUDGES)
     if start is None:
         at_once = _nudged(equations, fold, _NUDGES[-1] * escape)
-        if not _holds(conditions, at_once):
+        if not holds(conditions, at_once):
             values = at_once.tolist()
             return Rest(at_once, min(conditions, key=lambda c: float(c.margin(values))).kind)
         raise FlowError("no way down from the limit point")
-    fine = _off(equations, conditions, fold, escape, _FINE)
     distance = np.max(np.abs(start - fold) / equations.scales)
+
+    def fine() -> FloatArray | None:
+        return _off(equations, conditions, fold, escape, _FINE)
+
     for once_more in (False, True):
         rest = relax(equations, conditions, start, effort, tight=once_more, fine_start=fine)
         if rest.end is not None or np.max(np.abs(rest.state - fold) / equations.scales) > distance:
@@ -176,7 +175,7 @@ def _off(
     """The state at the first of some distances off a limit point from which the flow leads away, if any."""
     for distance in distances:
         start = _nudged(equations, fold, distance * escape)
-        if _speed_along(equations, start, escape) > 0.0 and _holds(conditions, start):
+        if _speed_along(equations, start, escape) > 0.0 and holds(conditions, start):
             return start
     return None
 
@@ -187,11 +186,6 @@ def _nudged(equations: Equations, state: FloatArray, change: FloatArray) -> Floa
     out[: change.size] += change
     out[:-1], _ = _consistent(equations, out)
     return out
-
-
-def _holds(conditions: Sequence[Condition], state: FloatArray) -> bool:
-    values = state.tolist()
-    return all(condition.margin(values) > 0.0 for condition in conditions)
 
 
 def _speed_along(equations: Equations, state: FloatArray, escape: FloatArray) -> float:
@@ -214,7 +208,7 @@ def _flow(
     endless = [i for i, wall in enumerate(equations.walls) if math.isinf(wall.elastomer.stretch_limit)]
     far = _FAR * float(np.max(start[:count]))
     closest = [math.inf] * len(conditions)
-    state, near = start, _NEAR
+    state, near = start, NEAR
     passed = False
     while True:
 
@@ -242,21 +236,21 @@ def _flow(
             if ended > len(conditions):
                 return Rest(state, "runaway"), closest
         nearest = near <= _NEAREST[rtol]
-        landing = _landing(equations, conditions, state, surely=not nearest)
-        fold = _fold_beside(equations, state) if landing is None else None
+        landing = landing_from(equations, conditions, state, state, surely=not nearest)
+        fold = fold_beside(equations, state) if landing is None else None
         if landing is None and fold is not None:
-            landing = _at_fold(equations, state, fold)
+            landing = landing_beside(equations, conditions, state, fold, surely=not nearest)
         if landing is not None:
             return Rest(landing, None), closest
         if fold is not None and not passed and np.max(np.abs(fold - state) / equations.scales) < _GHOST:
             onward = _past(equations, conditions, fold, float(state[-1]))
             if onward is not None:
-                state, near, passed = onward, _NEAR, True
+                state, near, passed = onward, NEAR, True
                 continue
         if nearest:
             break
         near *= 0.1
-    broken = _broken_at_rest(equations, conditions, state)
+    broken = broken_at_rest(equations, conditions, state)
     if broken is not None:
         return Rest(_at_margin(equations, broken, state), broken.kind), closest
     raise FlowError("the flow slows down where there is no rest")
@@ -392,75 +386,3 @@ def _consistent(equations: Equations, start: FloatArray) -> tuple[FloatArray, Fl
     if equations.has_pressure:
         rates.append(-sum(rows[count][i] * rates[i] for i in range(count)) / rows[count][count])
     return np.array(values[:-1]), np.array(rates)
-
-
-def _fold_beside(equations: Equations, state: FloatArray) -> FloatArray | None:
-    """The limit point that a state is beside, if it is."""
-    try:
-        fold = equilibrium.at_event(equations, stability(equations), state)
-    except NotConverged:
-        return None
-    return fold if np.max(np.abs(fold - state) / equations.scales) <= 2.0 * _NEAR else None
-
-
-def _at_fold(equations: Equations, state: FloatArray, fold: FloatArray) -> FloatArray | None:
-    """The rest of a state creeping up to a limit point, where v is its voltage or a little short of it."""
-    v = float(state[-1])
-    if abs(fold[-1] - v) <= 16.0 * np.finfo(float).eps * max(abs(v), float(equations.scales[-1])):
-        fold = fold.copy()
-        fold[-1] = v
-        return fold
-    # Beside a fold the distance to it goes as the root of the distance in v: tried closer and closer.
-    stable = stability(equations).margin
-    for share in 10.0 ** np.arange(0.0, -8.0, -0.5):
-        guess = fold + share * (state - fold)
-        guess[-1] = v
-        try:
-            landing = equilibrium.one_at_drive(equations, guess)
-        except NotConverged:
-            continue
-        if (
-            np.max(np.abs(landing - state) / equations.scales) < 2.0 * _NEAR
-            and stable(landing.tolist()) > 0.0
-        ):
-            return landing
-    return None
-
-
-def _broken_at_rest(
-    equations: Equations, conditions: Sequence[Condition], state: FloatArray
-) -> Condition | None:
-    """The condition that a state creeping to its rest will break only there, at the last digit."""
-    try:
-        rest = equilibrium.one_at_drive(equations, state).tolist()
-    except NotConverged:
-        return None
-    return next((condition for condition in conditions if condition.margin(rest) <= 0.0), None)
-
-
-def _landing(
-    equations: Equations, conditions: Sequence[Condition], state: FloatArray, *, surely: bool
-) -> FloatArray | None:
-    """The stable rest that a flowing state is about to reach, or None where that is not certain.
-
-    `surely`: so near that no margin can fall to zero on the way there, however it goes.
-    """
-    try:
-        landing = equilibrium.one_at_drive(equations, state)
-    except NotConverged:
-        return None
-    # Near, and stable all the way there: nothing else can hold the flow up in between.
-    if np.max(np.abs(landing - state) / equations.scales) > 2.0 * _NEAR:
-        return None
-    if not _holds(conditions, landing):
-        return None  # something ends the flow before it gets there
-    stable = stability(equations).margin
-    if any(stable((state + share * (landing - state)).tolist()) <= 0.0 for share in (0.5, 1.0)):
-        return None
-    if surely:
-        way = (landing - state)[: len(equations.walls)]
-        for condition in conditions:
-            low = min(float(condition.margin(y.tolist())) for y in (state, landing))
-            if low < 2.0 * _variation(equations, condition, landing, way):
-                return None
-    return landing

@@ -212,6 +212,10 @@ class Equations(Protocol):
         """The pressure that the gas law gives for stretches, where the pressure is an unknown."""
         ...
 
+    def given_load(self, y: State) -> Number:
+        """Size of the terms of the residual that no unknown varies: their rounding is in it too."""
+        ...
+
     def potential(self, y: State) -> Number:
         """Π up to a constant, small where y is near the state of sealing (so that little cancels)."""
         ...
@@ -319,6 +323,9 @@ class SealedBalloons:
             volume = volume + wall.cube * x * x * x
         return 3.0 * self.amount / volume - self.ambient
 
+    def given_load(self, y: State) -> Number:
+        return 0.0  # the load is the pressure's, an unknown
+
     def potential(self, y: State) -> Number:
         *stretches, _, v = y
         walls: Number = 0.0
@@ -389,6 +396,9 @@ class OpenBalloon:
     def gas_pressure(self, stretches: Sequence[Number]) -> Number:
         """No gas law here, the pressure is given."""
         raise NotImplementedError
+
+    def given_load(self, y: State) -> Number:
+        return abs(self.membrane.linearised(y[0], 0.0, y[1])[2] * self.pressure_offset)
 
     def potential(self, y: State) -> Number:
         x, v = y

@@ -25,8 +25,8 @@ from simulator.equilibrium import NotConverged
 from simulator.events import Condition
 from simulator.inflation import inflated
 from simulator.model import Equations, OpenBalloon
-from simulator.nearby import up_to_event
-from simulator.piece import SHORT, Segment, polished, straight, work
+from simulator.nearby import off_singular, up_to_event
+from simulator.piece import NOISE, SHORT, Segment, polished, straight, work
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -87,6 +87,10 @@ def follow(
         short = _short(equations, conditions, start, target)
         if short is not None:
             return short
+    if float(conditions[0].margin(start.tolist())) < NOISE and not equilibrium.is_fold(equations, start):
+        off = _off_singular(equations, conditions, start, target, rtol, effort)
+        if off is not None:
+            return off
     close = up_to_event(equations, conditions, start, target)
     if close is not None:
         return close
@@ -103,7 +107,35 @@ def follow(
             return polished(equations, conditions, points, directions, ended, target)
         except (ArithmeticError, np.linalg.LinAlgError) as not_converged:
             failure = not_converged
+    off = _off_singular(equations, conditions, start, target, rtol, effort)
+    if off is not None:
+        return off
     raise PathError(f"{failure} from v = {start[-1]:.12g} to {target:.12g}") from failure
+
+
+def _off_singular(
+    equations: Equations,
+    conditions: Sequence[Condition],
+    start: FloatArray,
+    target: float,
+    rtol: float,
+    effort: Effort,
+) -> Segment | None:
+    """As `follow`, off a singular state that is no limit point; None if no path sets out from there."""
+    off = off_singular(equations, conditions, start, target)
+    if off is None:
+        return None
+    nodes, tangents = off
+    rest = follow(equations, conditions, nodes[:, 1], target, rtol, effort)
+    dense, speeds = straight(nodes)
+    return Segment(
+        np.concatenate([nodes[:, :1], rest.states], axis=1),
+        np.concatenate([tangents[:, :1], rest.tangents], axis=1),
+        np.concatenate([dense, rest.dense], axis=1),
+        np.concatenate([speeds, rest.speeds], axis=1),
+        np.concatenate([work(equations, dense, speeds), rest.work]),
+        rest.end,
+    )
 
 
 def _short(

@@ -41,7 +41,8 @@ _LAST_COEFFICIENTS = np.stack(
 )
 _WORK_ERROR = 1e-10  # of the work of an interval, over that of the piece
 _MOST_HALVINGS = 6
-_ASIDE = 0.05  # over the length of an interval: how far the curve may be from the cubic through its ends
+_ASIDE = 0.2  # over the length of an interval: how far the curve may be from the cubic through its ends
+NOISE = 1e-12  # of margins: no event is told from less
 _MOST_CUTS = 4
 _MOST_CLOSER = 24
 SHORT = 1e-7  # in v over its scale: too short a piece to be followed
@@ -424,8 +425,8 @@ def _check_margins(
         inner = margin[1:] if condition.kind != end else margin[1:-1]
         beyond: FloatArray | None = None
         first = 0
-        if np.any(inner < -1e-12):
-            first = 1 + int(np.argmax(inner < -1e-12))
+        if np.any(inner < -NOISE):
+            first = 1 + int(np.argmax(inner < -NOISE))
             beyond = columns[:, first]
         elif margin[0] < min(margin[1], 0.1 * margin.max()):
             first = 1
@@ -463,7 +464,7 @@ def _below_zero_at_start(
     bottom = -0.5 * slope * length**2 / (high - low - slope * length)
     guess = (states[:, 0] + bottom * tangent)[:, None]
     middle = equilibrium.on_planes(equations, guess, (weights * tangent)[:, None])[0]
-    if float(condition.margin(middle[:, 0].tolist())) < 0.0:
+    if float(condition.margin(middle[:, 0].tolist())) < -NOISE:
         return middle[:, 0]
     return _below_zero(equations, condition, np.stack([states[:, 0], middle[:, 0], states[:, 1]], axis=1))
 
@@ -490,7 +491,7 @@ def _below_zero(equations: Equations, condition: Condition, states: FloatArray) 
         share = (wanted - x[0]) / (x[2] - x[0])
         guess = states[:, :1] + share * chord[:, None]
         found = equilibrium.on_planes(equations, guess, (weights * chord)[:, None])[0]
-        if float(condition.margin(found[:, 0].tolist())) < 0.0:
+        if float(condition.margin(found[:, 0].tolist())) < -NOISE:
             return found[:, 0]
         if abs(wanted - x[1]) <= 1e-9 * (x[2] - x[0]):
             return None

@@ -1,9 +1,11 @@
-"""A slice of the fuzz (`python -m tests.fuzz`), always the same, and that the fuzz sees what is wrong."""
+"""A slice of the fuzz, always the same; what once disagreed; and that the fuzz sees what is wrong."""
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,6 +32,14 @@ def test_simulator_agrees_with_the_closed_form(written: dict[str, Any]) -> None:
     verdict = fuzz.examine(written)
     assert not verdict.problems
     OUTCOMES[verdict.outcome] += 1
+
+
+KEPT = sorted((Path(fuzz.__file__).parent / "kept").glob("*.json"))
+
+
+@pytest.mark.parametrize("kept", KEPT, ids=lambda path: path.stem)
+def test_what_once_disagreed_agrees(kept: Path) -> None:
+    assert not fuzz.examine(json.loads(kept.read_text())["scenario"]).problems
 
 
 def test_the_slice_is_not_a_trivial_one() -> None:

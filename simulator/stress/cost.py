@@ -20,7 +20,7 @@ _CHECKS: dict[str, tuple[Any, str]] = {
     "ends (`_check_end`)": (piece, "_check_end"),
     "margins (`_check_margins`)": (piece, "_check_margins"),
     "samples (`_check_between`)": (branch.Branch, "_check_between"),
-    "landings (`_landing`)": (flow, "_landing"),
+    "landings (`landing_from`)": (flow, "landing_from"),
 }
 
 

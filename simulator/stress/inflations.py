@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from simulator.stress.case import FAILS, Case
+from functools import partial
+
+from simulator.stress.case import Case
 from simulator.stress.closed_form import closed_form
 from simulator.stress.devices import SNAP_PRESSURE, pair, ramps
 
@@ -56,8 +58,8 @@ def cases() -> list[Case]:
             "P₀ at the snap, radius 1",
             sealed_there.format("both balloons") + ": only their gas holds them, a branch point at rest",
             pair(SNAP_PRESSURE, *ramps(0.2, 0.0), ambient=0.05),
-            closed_form,
-            FAILS,
+            # At φ = 0 it is a threefold root, good to the cube root of rounding.
+            partial(closed_form, bound=6e-6),
         ),
     ]
     return found

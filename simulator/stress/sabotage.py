@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator import branch, equilibrium, flow, path, piece, walk
+from simulator import arrival, branch, equilibrium, flow, path, piece, walk
 from simulator.equilibrium import NotConverged
 from simulator.scenario import load_scenario
 from simulator.simulation import SolverError, simulate
@@ -361,7 +361,7 @@ def _elsewhere(strikes: Strikes) -> AbstractContextManager[None]:
         strikes.count += other is not None
         return found if other is None else other
 
-    return _within(flow, one_at_drive=one_at_drive)
+    return _within(arrival, one_at_drive=one_at_drive)
 
 
 def _misread(strikes: Strikes) -> AbstractContextManager[None]:

@@ -3,18 +3,21 @@
     make fuzz N=10000 SEED=2026        (or: python -m tests.fuzz 10000 --seed 2026)
 
 plays N scenarios, the same for the same seed, prints how they ended and the worst errors, writes these counts
-to `docs/fuzz.json`, and keeps each scenario on which the two disagree as a JSON file; what is under its
-"scenario" goes into `load_scenario`. What "agree" means:
+to `docs/fuzz.json` (if interrupted, up to there), and keeps each scenario on which the two disagree as a JSON
+file; what is under its "scenario" goes into `load_scenario`. What "agree" means:
 
 - The same outcome and the same sequence of events, in the same steps, inflation included.
 - Event voltages (inflation: pressures) within 1e-9. The states before an event, and after it where they are
   at rest, within 1e-8.
 - The state in which a snap loses its tension, or breaks, depends on the whole trajectory. Both flows are
   integrated with an error of about 1e-10 a step, the reference's ends good to a few 1e-9: within 1e-6.
-- Every sample within 1e-8 of the exact state at its voltage, on the segment that the reference is on. Next to
-  a limit point the state moves like the square root of the voltage: a rounding of the voltage by 1e-16 moves
-  it by 1e-8. How far the exact state moves under a change of the voltage by `SAME_VOLTAGE` (1e-13) is
-  therefore taken off the distance; elsewhere that is nothing.
+- Every sample within 1e-8 of the exact state at its voltage, on the segment that the reference is on, where
+  that is well conditioned. A state y(φ) is computed from forces g that are rounded, so it is the exact state
+  at a voltage φ + δ with δ = −g/(∂g/∂φ): its backward error, a few 1e-16 of the forces' terms, up to 1e-14.
+  In y that is |dy/dφ| δ, and next to a limit point φ* = φ + c |y − y*|², so |dy/dφ| = 1/(2 √(c (φ* − φ))) has
+  no bound: at φ* − φ = 1e-14 no arithmetic of 16 digits gives y to better than 1e-9, at φ* itself than 1e-8.
+  What is bounded is δ. How far the exact state moves under a change of the voltage by `SAME_VOLTAGE` (1e-13)
+  is therefore taken off the distance; 1e-3 away from a limit point that is 1e-12, elsewhere it is nothing.
 - Energy imbalance within 1e-8 of the work exchanged, but for the rounding of energies of order r²hk (a pair
   that hardly moves exchanges less than that); what each event dissipated within 1e-8.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import sys
@@ -64,20 +65,22 @@ def main() -> int:
     seconds: Counter[str] = Counter()
     worst: dict[str, tuple[float, int]] = {}
     played = play(range(first, first + options.count), options.jobs)
-    for number, written, verdict in with_progress(played, options.count):
-        outcomes[verdict.outcome] += 1
-        totals.update(scenarios=1, events=verdict.events, samples=verdict.samples)
-        totals["undecided"] += int(verdict.undecided and not verdict.problems)
-        totals["disagreements"] += int(bool(verdict.problems))
-        seconds.update(verdict.seconds)
-        for what, error in verdict.worst.items():
-            if error >= worst.get(what, (-1.0, 0))[0]:
-                worst[what] = (error, number)
-        if verdict.problems:
-            options.keep.mkdir(parents=True, exist_ok=True)
-            kept = options.keep / f"{number}.json"
-            kept.write_text(json.dumps({"problems": verdict.problems, "scenario": written}, indent=1))
-            print(f"{kept}: " + "; ".join(verdict.problems[:3]), file=sys.stderr, flush=True)
+    # What was played until Ctrl-C is reported all the same.
+    with contextlib.suppress(KeyboardInterrupt):
+        for number, written, verdict in with_progress(played, options.count):
+            outcomes[verdict.outcome] += 1
+            totals.update(scenarios=1, events=verdict.events, samples=verdict.samples)
+            totals["undecided"] += int(verdict.undecided and not verdict.problems)
+            totals["disagreements"] += int(bool(verdict.problems))
+            seconds.update(verdict.seconds)
+            for what, error in verdict.worst.items():
+                if error >= worst.get(what, (-1.0, 0))[0]:
+                    worst[what] = (error, number)
+            if verdict.problems:
+                options.keep.mkdir(parents=True, exist_ok=True)
+                kept = options.keep / f"{number}.json"
+                kept.write_text(json.dumps({"problems": verdict.problems, "scenario": written}, indent=1))
+                print(f"{kept}: " + "; ".join(verdict.problems[:3]), file=sys.stderr, flush=True)
     print("  ".join(f"{name} {count}" for name, count in totals.items()))
     print("outcomes:  " + "  ".join(f"{name} {count}" for name, count in outcomes.most_common()))
     print("seconds:  " + "  ".join(f"{name} {spent:.1f}" for name, spent in seconds.items()))
@@ -85,9 +88,9 @@ def main() -> int:
         print(f"worst {what:15s} {error:.2e}   scenario {number}")
     if options.report:
         report = {
-            "n": options.count,
+            "n": totals["scenarios"],
             "seed": options.seed,
-            "agreed": options.count - totals["undecided"] - totals["disagreements"],
+            "agreed": totals["scenarios"] - totals["undecided"] - totals["disagreements"],
             "undecided": totals["undecided"],
             "disagreements": totals["disagreements"],
             "worst": {what: error for what, (error, _) in sorted(worst.items())},
