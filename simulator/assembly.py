@@ -14,6 +14,7 @@ from simulator import drive
 from simulator.device import Device
 from simulator.drive import VoltageLine, Waveform
 from simulator.events import Condition, conditions
+from simulator.gas import Contents
 from simulator.model import OpenBalloon, SealedBalloons
 from simulator.scenario import Hold, Inflate, Jump, Ramp, Sine, Table, Triangle
 
@@ -69,11 +70,11 @@ def inflating(device: Device, voltage: Sequence[float]) -> list[Group]:
     return [_group(device, device.inflated(i, voltage), [i]) for i in range(len(device.names))]
 
 
-def actuated(device: Device, line: VoltageLine, *, amount: float) -> list[Group]:
-    """Valve closed: all balloons on their gas, if any voltage moves."""
+def actuated(device: Device, line: VoltageLine, *, gas: Contents) -> list[Group]:
+    """Valve closed: all balloons on their gas (or liquid), if any voltage moves."""
     if not any(line.rate):
         return []
-    return [_group(device, device.sealed(amount, line), range(len(device.names)))]
+    return [_group(device, device.sealed(gas, line), range(len(device.names)))]
 
 
 def actuated_open(device: Device, line: VoltageLine, *, pressure: float) -> list[Group]:

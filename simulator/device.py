@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from simulator.drive import VoltageLine
 from simulator.elastomer import Elastomer, Gent, NeoHookean
+from simulator.gas import Adiabatic, Contents, Incompressible, Isothermal, Law
 from simulator.model import AnyMembrane, ElectrodedMembrane, Membrane, OpenBalloon, SealedBalloons
+from simulator.spectrum import CONSTRAINED
 
 if TYPE_CHECKING:
-    from simulator.scenario import Balloon, Scenario
+    from simulator.scenario import Balloon, Gas, Scenario
 
 FloatArray = NDArray[np.float64]
 
@@ -25,7 +27,7 @@ class Device:
     """The balloons of a scenario, arrays of shape (n_balloons,).
 
     `electroded` are the indices of the balloons with electrodes, `strength` their breakdown fields (None
-    where the scenario names none).
+    where the scenario names none), `law` that of the gas or liquid they share.
     """
 
     names: tuple[str, ...]
@@ -36,7 +38,7 @@ class Device:
     permittivity: FloatArray
     electroded: tuple[int, ...]
     strength: tuple[float | None, ...]
-    ambient: float
+    law: Law
 
     @classmethod
     def from_scenario(cls, scenario: Scenario) -> Device:
@@ -52,7 +54,7 @@ class Device:
             permittivity=np.array([b.permittivity for b in balloons]),
             electroded=electroded,
             strength=tuple(b.breakdown.field if (b := balloons[i]).breakdown else None for i in electroded),
-            ambient=scenario.gas.ambient_pressure,
+            law=_law(scenario.gas),
         )
 
     def bare(self, balloon: int) -> Device:
@@ -67,8 +69,13 @@ class Device:
             self.permittivity[one],
             (),
             (),
-            self.ambient,
+            self.law,
         )
+
+    @property
+    def ambient(self) -> float:
+        """Ambient pressure, over μH/R."""
+        return float(self.law.ambient)
 
     @cached_property
     def walls(self) -> tuple[Membrane, ...]:
@@ -93,11 +100,9 @@ class Device:
         capacitance = float(self.radius[balloon] ** 2 * e / h)
         return ElectrodedMembrane(wall, float(2.0 * e / (h * h * k)), capacitance, float(h), offset, rate)
 
-    def sealed(self, amount: float, line: VoltageLine) -> SealedBalloons:
-        """Valve closed over `amount` of gas, voltages moving along `line`."""
-        return SealedBalloons(
-            tuple(self.membrane(i, line) for i in range(len(self.names))), amount, self.ambient
-        )
+    def sealed(self, gas: Contents, line: VoltageLine) -> SealedBalloons:
+        """Valve closed over a gas (or liquid), voltages moving along `line`."""
+        return SealedBalloons(tuple(self.membrane(i, line) for i in range(len(self.names))), gas)
 
     def actuated(self, balloon: int, pressure: float, line: VoltageLine) -> OpenBalloon:
         """One balloon with the valve open at `pressure`, voltages moving along `line`."""
@@ -109,8 +114,8 @@ class Device:
         return OpenBalloon(self.membrane(balloon, held), 0.0, 1.0)
 
     def volume(self, stretch: FloatArray) -> FloatArray:
-        """V = Σ rᵢ³λᵢ³/3 of states (n, n_balloons), over 4πR³."""
-        return np.asarray(stretch**3 @ (self.radius**3 / 3.0))
+        """V = V_c + Σ rᵢ³λᵢ³/3 of states (n, n_balloons), with the chamber's V_c, over 4πR³."""
+        return np.asarray(stretch**3 @ (self.radius**3 / 3.0) + self.law.chamber)
 
     def field(self, stretch: FloatArray, voltage: FloatArray) -> FloatArray:
         """True electric fields φλ²/h, (n, n_electroded), over √(μ/ε)."""
@@ -135,8 +140,7 @@ class Device:
         volume = self.volume(stretch)
         elastic = sum(w.potential(x, 0.0) for w, x in zip(self.walls, stretch.T, strict=True))
         electric = 0.5 * np.sum(self.charge(stretch, voltage) * voltage, axis=1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            sealed = np.where(gas > 0.0, -gas * np.log(volume), 0.0) + self.ambient * volume
+        sealed = self.law.energy(gas, pressure, volume)
         return np.asarray(elastic - electric + np.where(is_open, -pressure * volume, sealed))
 
     def stability(
@@ -147,7 +151,10 @@ class Device:
         gas: FloatArray,
         is_open: NDArray[np.bool_],
     ) -> FloatArray:
-        """Smallest eigenvalue of the Hessian of Π in the stretches, (n,)."""
+        """Smallest eigenvalue of the Hessian of Π in the stretches, (n,).
+
+        With a liquid, of what changes no volume; NaN where nothing can move (one balloon).
+        """
         diagonal = np.empty_like(stretch)
         line = VoltageLine((0.0,) * len(self.electroded), (1.0,) * len(self.electroded))
         for i, (wall, x) in enumerate(zip(self.walls, stretch.T, strict=True)):
@@ -159,8 +166,17 @@ class Device:
             # ∂g/∂λ from R = Dg, also right where g is not zero (states in which a snap lost its tension).
             diagonal[:, i] = wall.weight * (slope - force / denominator * denominator_slope) / denominator
         arms = self.radius**3 * stretch**2
-        coupling = np.where(is_open, 0.0, gas / self.volume(stretch) ** 2)
-        return smallest_eigenvalue(diagonal, coupling, arms)
+        stiffness = self.law.stiffness(gas, pressure, self.volume(stretch))
+        if self.law.spectrum is CONSTRAINED:
+            return np.where(is_open, diagonal.min(axis=1), _across(diagonal, arms))
+        return smallest_eigenvalue(diagonal, np.where(is_open, 0.0, stiffness), arms)
+
+
+def _across(diagonal: FloatArray, arms: FloatArray) -> FloatArray:
+    """Smallest eigenvalues of diag(d) across a, for n pairs of d and a, (n, k)."""
+    if diagonal.shape[1] == 1:
+        return np.full(len(diagonal), np.nan)
+    return np.asarray(CONSTRAINED.eigenvalue(list(diagonal.T), list((arms**2).T), 0))
 
 
 def smallest_eigenvalue(diagonal: FloatArray, coupling: FloatArray, arms: FloatArray) -> FloatArray:
@@ -183,6 +199,16 @@ def smallest_eigenvalue(diagonal: FloatArray, coupling: FloatArray, arms: FloatA
     index = np.arange(count)
     matrices[:, index, index] += diagonal
     return np.asarray(np.linalg.eigvalsh(matrices)[:, 0])
+
+
+def _law(gas: Gas) -> Law:
+    match gas.law:
+        case "isothermal":
+            return Isothermal(gas.ambient_pressure, gas.chamber)
+        case "adiabatic":
+            return Adiabatic(gas.ambient_pressure, gas.chamber, gas.exponent)
+        case "liquid":
+            return Incompressible(gas.ambient_pressure, gas.chamber)
 
 
 def _elastomer(balloon: Balloon) -> Elastomer:

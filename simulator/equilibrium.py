@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.events import Condition, softest_mode
+from simulator.events import Condition, modes, softest_mode
 from simulator.model import Equations, Rows, SealedBalloons
 
 FloatArray = NDArray[np.float64]
@@ -264,11 +264,10 @@ def parting_direction(equations: Equations, state: FloatArray) -> FloatArray:
     is the direction in which another branch leaves. Unit length, (n_balloons,).
     """
     values = state.tolist()
-    diagonal, squares = equations.stiffness(values)
-    arms = np.sqrt(np.maximum(squares, 0.0))
-    sizes, modes = np.linalg.eigh(np.diag(diagonal) + np.outer(arms, arms))
-    soft = modes[:, np.abs(sizes) <= 1e-8 * np.abs(sizes).max()]
-    soft = soft if soft.size else modes[:, :1]
+    diagonal, _ = equations.stiffness(values)
+    sizes, vectors = modes(equations, state)
+    soft = vectors[:, np.abs(sizes) <= 1e-8 * max(np.abs(sizes).max(), np.abs(diagonal).max())]
+    soft = soft if soft.size else vectors[:, :1]
     first = int(np.argmax(np.abs(soft).max(axis=1) > 1e-3))
     walls = equations.walls
     scale = np.array(

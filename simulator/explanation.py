@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from simulator import assembly
 from simulator.device import Device
+from simulator.gas import Adiabatic, Isothermal
 from simulator.model import ElectrodedMembrane, Membrane, SealedBalloons
 from simulator.scenario import Hold, Inflate, Jump, duration
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from simulator.assembly import Group
+    from simulator.gas import Law
     from simulator.scenario import PlayedStep, Scenario
 
 _MOST_STEPS = 24
@@ -50,6 +52,7 @@ def _lines(scenario: Scenario) -> Iterator[str]:
     yield "Steps"
     voltage: Sequence[float] = [0.0] * len(device.electroded)
     pressure, was_open = 0.0, False
+    some_gas = device.law.sealed(1.0, 1.0 + device.law.chamber)
     seen: set[str] = set()
     steps = list(scenario.played_steps())
     for number, step in enumerate(steps, start=1):
@@ -63,7 +66,7 @@ def _lines(scenario: Scenario) -> Iterator[str]:
         elif opens:
             groups = assembly.actuated_open(device, line, pressure=pressure)
         else:
-            groups = assembly.actuated(device, line, amount=1.0)
+            groups = assembly.actuated(device, line, gas=some_gas)
         moves = isinstance(step, Jump) or bool((waveform.values != waveform.values[0]).any())
         yield from _step(number, step, waveform.fractions.size - 1, groups if moves else [], device)
         first = line.at(float(waveform.values[0])).tolist()
@@ -125,7 +128,18 @@ def _equations(group: Group, device: Device) -> Iterator[str]:
             terms += f" − {2.0 * e / h**2:g} φ² λ³"
         yield f"force balance of {name}: {terms} = 0"
     if sealed:
-        yield f"gas: (p + {device.ambient:g}) Σ r³λ³/3 = n"
+        yield _contents(device.law)
+
+
+def _contents(law: Law) -> str:
+    chamber = f"{law.chamber:g} + " if law.chamber else ""
+    match law:
+        case Isothermal():
+            volume = f"({chamber}Σ r³λ³/3)" if chamber else "Σ r³λ³/3"
+            return f"gas: (p + {law.ambient:g}) {volume} = n"
+        case Adiabatic():
+            return f"gas: (p + {law.ambient:g}) ({chamber}Σ r³λ³/3)^{law.exponent:g} = constant"
+    return "liquid: Σ r³λ³/3 = constant"
 
 
 def _factor(value: float) -> str:

@@ -129,7 +129,7 @@ class _Run:
         self.pressure = 0.0
         self.voltage: FloatArray = np.zeros(len(self.device.electroded))
         self.is_open = False
-        self.amount = self._gas_now()
+        self._seal()
 
     def play(self, number: int, step: PlayedStep) -> None:
         """Play one step: first what changes at once, then what moves."""
@@ -157,15 +157,13 @@ class _Run:
                 )
                 self._move(groups, line, waveform, start, lasts)
         if opens:
-            self.amount = self._gas_now()
+            self._seal()
 
     def _actuated(self, line: VoltageLine) -> list[Group]:
         """What moves with the voltages along a line, as the valve stands."""
         if self.is_open:
             return assembly.actuated_open(self.device, line, pressure=self.pressure)
-        # Sealed at no pressure in a vacuum there is no gas; tension is lost before its law is ever used.
-        amount = self.amount if self.amount > 0.0 else float(np.finfo(float).tiny)
-        return assembly.actuated(self.device, line, amount=amount)
+        return assembly.actuated(self.device, line, gas=self.gas)
 
     def _state(self, group: Group, v: float) -> FloatArray:
         """The present state as a group's unknowns, at drive coordinate v."""
@@ -334,8 +332,11 @@ class _Run:
 
     # -- record --------------------------------------------------------------------------------------
 
-    def _gas_now(self) -> float:
-        return float((self.pressure + self.device.ambient) * self.device.volume(self.stretch[None])[0])
+    def _seal(self) -> None:
+        """Close the valve in the present state."""
+        volume = float(self.device.volume(self.stretch[None])[0])
+        self.gas = self.device.law.sealed(self.pressure, volume)
+        self.amount = float(self.device.law.amount(self.pressure, volume))
 
     def _note(
         self, times: FloatArray, stretch: FloatArray, pressure: FloatArray, voltage: FloatArray
@@ -348,7 +349,7 @@ class _Run:
         rows.stretch.append(stretch)
         rows.pressure.append(pressure)
         rows.voltage.append(voltage)
-        gas = (pressure + self.device.ambient) * self.device.volume(stretch)
+        gas = self.device.law.amount(pressure, self.device.volume(stretch))
         rows.gas.append(gas if self.is_open else np.full(count, self.amount))
         rows.is_open.append(np.full(count, self.is_open))
         self.stretch, self.pressure, self.voltage = stretch[-1], float(pressure[-1]), voltage[-1]

@@ -6,13 +6,23 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo
 
-from simulator.scenario.fields import Chosen, Frozen, NonNegative, Positive, refused
+from simulator.scenario.fields import Chosen, Float, Frozen, NonNegative, Positive, refused
 
 
 class Gas(Frozen):
-    """The gas the balloons share; `ambient_pressure` in units of μH/R."""
+    """The gas, or liquid, that the balloons share.
+
+    `ambient_pressure` in units of μH/R; `chamber`, a rigid volume on the same gas, of 4πR³; `exponent` of an
+    adiabatic gas.
+    """
 
     ambient_pressure: NonNegative
+    chamber: NonNegative = 0.0
+    law: Annotated[
+        Literal["isothermal", "adiabatic", "liquid"],
+        Field(description='"isothermal", "adiabatic" or "liquid"'),
+    ] = "isothermal"
+    exponent: Annotated[Float, Field(gt=1, description="a number > 1")] = 1.4
 
 
 class Gent(Frozen):
