@@ -56,7 +56,6 @@ def stability(equations: Equations) -> Condition:
 
 def singularity(equations: Equations, place: int, sign: float) -> Condition:
     """±1 times the eigenvalue of S at a place in ascending order; zero where S is singular."""
-
     stiffness, eigenvalue = equations.stiffness, equations.spectrum.eigenvalue
 
     def margin(y: State) -> Number:

@@ -1,8 +1,8 @@
 """What the balloons share: a gas at one temperature, a gas without exchange of heat, or a liquid.
 
-A *law* (`Isothermal`, `Adiabatic`, `Incompressible`) is what a scenario names. Closing the valve makes of it the
-*contents* (`IdealGas`, `AdiabaticGas`, `Liquid`): one equation between pressure and volume, chosen when the
-equations are composed. A rigid chamber adds its volume to the balloons'; sums over balloons start at it.
+A *law* (`Isothermal`, `Adiabatic`, `Incompressible`) is what a scenario names. Closing the valve makes of it
+the *contents* (`IdealGas`, `AdiabaticGas`, `Liquid`): one equation between pressure and volume, chosen when
+the equations are composed. A rigid chamber adds its volume to the balloons'; sums over balloons start at it.
 
 Volumes are over 4πR³. The equations sum Σ r³λ³ = 3V; that threefold volume is called `cubes` here, and it
 includes the chamber.
@@ -259,9 +259,7 @@ class Liquid:
                 wall.cube * x * x * wall.elastomer.pole_form(x)[1] / wall.weight
                 for wall, x in zip(walls, stretches, strict=True)
             ]
-            gain = sum(
-                wall.cube * x * x * c for wall, x, c in zip(walls, stretches, change, strict=True)
-            )
+            gain = sum(wall.cube * x * x * c for wall, x, c in zip(walls, stretches, change, strict=True))
             stretches = [x + missing / gain * c for x, c in zip(stretches, change, strict=True)]
             if abs(missing) <= 1e-15 * self.volume:
                 break
@@ -322,7 +320,7 @@ class Isothermal:
 
 @dataclass(frozen=True)
 class Adiabatic:
-    """An ideal gas that exchanges no heat while sealed, and enters and is sealed at the ambient temperature."""
+    """An ideal gas that exchanges no heat while sealed; it is sealed at the temperature of its supply."""
 
     ambient: Number
     chamber: Number = 0.0

@@ -5,8 +5,8 @@ feel each other, the gas pressure where it is unknown, and last the coordinate v
 while inflating, the pressure). There are one fewer equations than unknowns, so they define a curve, the
 equilibrium path.
 
-Two sets of equations exist. `SealedBalloons`: valve closed, all balloons on one fixed amount of gas (or liquid, see `gas`).
-`OpenBalloon`: valve open, the pressure is given, balloons do not feel each other and each has its own.
+Two sets of equations exist. `SealedBalloons`: valve closed, all balloons on one fixed amount of gas, or
+liquid, see `gas`. `OpenBalloon`: valve open, the pressure is given, balloons do not feel each other and each has its own.
 Both are composed of membranes; a membrane without a voltage has no electrical term at all.
 
 Every force balance is divided by kᵢ and multiplied through by the denominator D of the elastomer's force,
@@ -220,9 +220,7 @@ class Equations(Protocol):
         """The pressure of stretches in motion, where the pressure is an unknown."""
         ...
 
-    def flow_law(
-        self, y: Sequence[float], residual: list[Number], rows: Rows
-    ) -> tuple[Number, list[Number]]:
+    def flow_law(self, y: Sequence[float], residual: list[Number], rows: Rows) -> tuple[Number, list[Number]]:
         """What is zero at the `gas_pressure`, linear in p, and its derivatives in (stretches…, p)."""
         ...
 
@@ -307,9 +305,9 @@ class SealedBalloons:
         rows: Rows = []
         areas: list[Number] = []
         walls, cubes, law = self._linears
-        for i, ((linearised, cube), x) in enumerate(zip(walls, stretches, strict=True)):
+        for (linearised, cube), x in zip(walls, stretches, strict=True):
             row: list[Number] = [0.0] * (count + 2)
-            force, row[i], row[-2], row[-1] = linearised(x, pressure, v)
+            force, row[len(rows)], row[-2], row[-1] = linearised(x, pressure, v)
             residual.append(force)
             rows.append(row)
             area = cube * x * x
@@ -317,7 +315,9 @@ class SealedBalloons:
             cubes = cubes + area * x
         defect, per_pressure, per_volume = law(pressure, cubes)
         residual.append(defect)
-        rows.append([*[per_volume * area for area in areas], per_pressure, 0.0])
+        gas = [per_volume * area for area in areas]
+        gas += (per_pressure, 0.0)
+        rows.append(gas)
         return residual, rows
 
     def stiffness(self, y: State) -> tuple[list[Number], list[Number]]:
@@ -340,9 +340,7 @@ class SealedBalloons:
     def gas_pressure(self, stretches: Sequence[Number], v: Number) -> Number:
         return self.gas.flow_pressure(self.membranes, self.walls, stretches, v)
 
-    def flow_law(
-        self, y: Sequence[float], residual: list[Number], rows: Rows
-    ) -> tuple[Number, list[Number]]:
+    def flow_law(self, y: Sequence[float], residual: list[Number], rows: Rows) -> tuple[Number, list[Number]]:
         return self.gas.flow_law(self.walls, y, residual, rows)
 
     def admitted(self, y: list[float]) -> list[float]:
@@ -417,9 +415,7 @@ class OpenBalloon:
         """No gas law here, the pressure is given."""
         raise NotImplementedError
 
-    def flow_law(
-        self, y: Sequence[float], residual: list[Number], rows: Rows
-    ) -> tuple[Number, list[Number]]:
+    def flow_law(self, y: Sequence[float], residual: list[Number], rows: Rows) -> tuple[Number, list[Number]]:
         """No gas law here, the pressure is given."""
         raise NotImplementedError
 
