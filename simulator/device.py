@@ -115,7 +115,11 @@ class Device:
 
     def volume(self, stretch: FloatArray) -> FloatArray:
         """V = V_c + Σ rᵢ³λᵢ³/3 of states (n, n_balloons), with the chamber's V_c, over 4πR³."""
-        return np.asarray(stretch**3 @ (self.radius**3 / 3.0) + self.law.chamber)
+        return np.asarray(self.swelling(stretch) + self.law.chamber)
+
+    def swelling(self, stretch: FloatArray) -> FloatArray:
+        """The balloons' share of the volume."""
+        return np.asarray(stretch**3 @ (self.radius**3 / 3.0))
 
     def field(self, stretch: FloatArray, voltage: FloatArray) -> FloatArray:
         """True electric fields φλ²/h, (n, n_electroded), over √(μ/ε)."""

@@ -52,7 +52,7 @@ def _lines(scenario: Scenario) -> Iterator[str]:
     yield "Steps"
     voltage: Sequence[float] = [0.0] * len(device.electroded)
     pressure, was_open = 0.0, False
-    some_gas = device.law.sealed(1.0, 1.0 + device.law.chamber)
+    some_gas = device.law.sealed(1.0, 1.0)
     seen: set[str] = set()
     steps = list(scenario.played_steps())
     for number, step in enumerate(steps, start=1):

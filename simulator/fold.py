@@ -146,7 +146,7 @@ class _Parameters:
         names = [b.name for b in balloons]
         if vary == "gas.ambient_pressure":
             return replace(known, value=device.ambient, replace=partial(_changed_law, "ambient"))
-        if vary == "gas.chamber":
+        if vary == "gas.chamber" and device.law.chamber:
             return replace(known, value=float(device.law.chamber), replace=partial(_changed_law, "chamber"))
         if count and vary == f"step.{count}.inflate":
             return replace(known, value=float(known.inflation), replace=lambda p, q: replace(p, inflation=q))
@@ -155,8 +155,9 @@ class _Parameters:
         )
         chosen = [i for i, name in enumerate(names) if found and found[1] in (name, "*")]
         if found is None or not chosen:
+            chamber = ["gas.chamber"] if device.law.chamber else []
             raise ScenarioError(
-                scenario.file, Problem(vary, None, f"cannot be varied; {_allowed(names, count)}")
+                scenario.file, Problem(vary, None, f"cannot be varied; {_allowed(names, count, chamber)}")
             )
         if found[2] == "elastomer.J_lim":
             limits = {getattr(known.elastomers[i], "J_lim", None) for i in chosen}
@@ -200,12 +201,12 @@ def _changed_law(key: str, parameters: _Parameters, q: Number) -> _Parameters:
     return replace(parameters, law=replace(parameters.law, **changed))  # type: ignore[type-var]
 
 
-def _allowed(names: Sequence[str], inflations: int) -> str:
+def _allowed(names: Sequence[str], inflations: int, chamber: Sequence[str]) -> str:
     step = [f"step.{inflations}.inflate"] if inflations else []
     balloon = (
         f"balloon.<{' or '.join([*names, '*'])}>.radius, thickness, modulus, permittivity, elastomer.J_lim"
     )
-    return "can be: " + ", ".join(["gas.ambient_pressure", "gas.chamber", *step, balloon])
+    return "can be: " + ", ".join(["gas.ambient_pressure", *chamber, *step, balloon])
 
 
 @dataclass(frozen=True)
@@ -246,7 +247,7 @@ class _Sealed:
         numbers = self.parameters.at(z[-1])
         walls = numbers.walls()
         inflated, stretches = z[: self.count], z[self.count : 2 * self.count]
-        volume: Number = numbers.law.chamber
+        volume: Number = 0.0
         for wall, x in zip(walls, inflated, strict=True):
             volume = volume + wall.cube * x * x * x / 3.0
         membranes = tuple(self._membrane(numbers, walls, i) for i in range(self.count))

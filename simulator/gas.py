@@ -1,11 +1,11 @@
 """What the balloons share: a gas at one temperature, a gas without exchange of heat, or a liquid.
 
 A *law* (`Isothermal`, `Adiabatic`, `Incompressible`) is what a scenario names. Closing the valve makes of it
-the *contents* (`IdealGas`, `AdiabaticGas`, `Liquid`): one equation between pressure and volume, chosen when
-the equations are composed. A rigid chamber adds its volume to the balloons'; sums over balloons start at it.
+the *contents* (`IdealGas`, `SealedGas`, `Liquid`): one equation between pressure and volume, chosen when
+the equations are composed. Only a gas in a rigid chamber knows of the chamber.
 
-Volumes are over 4πR³. The equations sum Σ r³λ³ = 3V; that threefold volume is called `cubes` here, and it
-includes the chamber.
+Volumes are over 4πR³. The balloons' own is called `swelling`; the equations sum Σ r³λ³, three times that,
+called `cubes` here.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -33,11 +34,6 @@ class Contents(Protocol):
     """What is sealed in, as the equations need it."""
 
     @property
-    def chamber(self) -> Number:
-        """Rigid volume beside the balloons."""
-        ...
-
-    @property
     def spectrum(self) -> Spectrum:
         """How it couples the balloons' stabilities."""
         ...
@@ -47,7 +43,7 @@ class Contents(Protocol):
         ...
 
     def linearised(self, pressure: Number, cubes: Number) -> tuple[Number, Number, Number]:
-        """The defect and its derivatives in p and in V."""
+        """The defect and its derivatives in p and in the swelling."""
         ...
 
     def stiffness(self, cubes: Number) -> Number:
@@ -55,7 +51,7 @@ class Contents(Protocol):
         ...
 
     def energy(self, swelling: Number) -> Number:
-        """−∫p dV for the balloons' volume, up to a constant, small near the state of sealing."""
+        """−∫p dV, up to a constant, small near the state of sealing."""
         ...
 
     def flow_pressure(
@@ -83,11 +79,10 @@ class Contents(Protocol):
 
 @dataclass(frozen=True)
 class IdealGas:
-    """(p + pₑ)V = n."""
+    """(p + pₑ)V = n, in the balloons alone."""
 
     amount: Number
     ambient: Number
-    chamber: Number = 0.0
 
     spectrum = COUPLED
 
@@ -105,7 +100,7 @@ class IdealGas:
     def energy(self, swelling: Number) -> Number:
         # −n ln V + pₑV, from the volume V₀ = n/(1 + pₑ): with u = V/V₀ − 1 the large parts cancel on paper.
         start = self.amount / (1.0 + self.ambient)
-        u = (swelling - (start - self.chamber)) / start
+        u = (swelling - start) / start
         return -(start * (np.log1p(u) + self.ambient * (np.log1p(u) - u)))
 
     def flow_pressure(
@@ -115,7 +110,7 @@ class IdealGas:
         stretches: Sequence[Number],
         v: Number,
     ) -> Number:
-        return 3.0 * self.amount / _cubes(self, walls, stretches) - self.ambient
+        return 3.0 * self.amount / _cubes(walls, stretches) - self.ambient
 
     def flow_law(
         self, walls: Sequence[Membrane], y: Sequence[float], residual: list[Number], rows: list[list[Number]]
@@ -128,42 +123,88 @@ class IdealGas:
         return y
 
 
-@dataclass(frozen=True)
-class AdiabaticGas:
-    """(p + pₑ)V^γ = P V₀^γ, with the absolute pressure P and the volume V₀ at which it was sealed."""
+class Expansion(Protocol):
+    """How the absolute pressure falls as the volume grows by the fraction u from where it was sealed."""
 
-    absolute: Number
-    volume: Number
+    def fall(self, u: Number) -> tuple[Number, Number]:
+        """The fraction of the absolute pressure that is lost, and its derivative in u."""
+        ...
+
+    def work(self, u: Number) -> Number:
+        """−∫ of the fraction of the pressure that is left, from 0 to u."""
+        ...
+
+
+@dataclass(frozen=True)
+class Isotherm:
+    """Pressure times volume stays."""
+
+    def fall(self, u: Number) -> tuple[Number, Number]:
+        return u / (1.0 + u), 1.0 / ((1.0 + u) * (1.0 + u))
+
+    def work(self, u: Number) -> Number:
+        return -np.log1p(u)
+
+
+@dataclass(frozen=True)
+class Adiabat:
+    """Pressure times volume^γ stays."""
+
     exponent: Number
+
+    def fall(self, u: Number) -> tuple[Number, Number]:
+        if not isinstance(u, float):
+            left = -self.exponent * np.log1p(u)
+            return -np.expm1(left), self.exponent * np.exp(left) / (1.0 + u)
+        if not u > -1.0:
+            return math.nan, math.nan
+        left = -self.exponent * math.log1p(u)
+        return -math.expm1(left), self.exponent * math.exp(left) / (1.0 + u)
+
+    def work(self, u: Number) -> Number:
+        g = self.exponent - 1.0
+        return np.expm1(-g * np.log1p(u)) / g
+
+
+@dataclass(frozen=True)
+class SealedGas:
+    """A gas by the state in which it was sealed: pressure and swelling then, and the chamber it shares.
+
+    In differences from that state, because beside a large chamber, or a high ambient pressure, (p + pₑ)V
+    hardly changes at all.
+    """
+
+    pressure: Number
+    swelling: Number
     ambient: Number
-    chamber: Number = 0.0
+    chamber: Number
+    expansion: Expansion
 
     spectrum = COUPLED
 
-    def _compression(self, cubes: Number) -> Number:
-        """(V/V₀)^γ."""
-        ratio = cubes / (3.0 * self.volume)
-        if isinstance(ratio, float) and not ratio > 0.0:
-            return math.nan  # of a float below zero Python makes a complex number
-        return ratio**self.exponent
+    @cached_property
+    def _volume(self) -> Number:
+        return self.swelling + self.chamber
+
+    def _growth(self, swelling: Number) -> Number:
+        return (swelling - self.swelling) / self._volume
 
     def defect(self, pressure: Number, cubes: Number) -> Number:
-        return (pressure + self.ambient) / self.absolute * self._compression(cubes) - 1.0
+        fall, _ = self.expansion.fall(self._growth(cubes / 3.0))
+        return pressure - self.pressure + (self.pressure + self.ambient) * fall
 
     def linearised(self, pressure: Number, cubes: Number) -> tuple[Number, Number, Number]:
-        per_pressure = self._compression(cubes) / self.absolute
-        product = per_pressure * (pressure + self.ambient)
-        return product - 1.0, per_pressure, 3.0 * self.exponent * product / cubes
+        fall, slope = self.expansion.fall(self._growth(cubes / 3.0))
+        absolute = self.pressure + self.ambient
+        return pressure - self.pressure + absolute * fall, 1.0, absolute * slope / self._volume
 
     def stiffness(self, cubes: Number) -> Number:
-        return 3.0 * self.exponent * self.absolute / (self._compression(cubes) * cubes)
+        return self.linearised(0.0, cubes)[2]
 
     def energy(self, swelling: Number) -> Number:
-        # From V₀, with u = V/V₀ − 1: ∫P(V₀/V)^γ dV = −P V₀ e, e = ((1 + u)^(1−γ) − 1)/(γ − 1) ≈ −u.
-        u = (swelling - (self.volume - self.chamber)) / self.volume
-        g = self.exponent - 1.0
-        e = np.expm1(-g * np.log1p(u)) / g
-        return self.volume * ((self.absolute - self.ambient) * e + self.ambient * (e + u))
+        u = self._growth(swelling)
+        work = self.expansion.work(u)
+        return self._volume * (self.pressure * work + self.ambient * (work + u))
 
     def flow_pressure(
         self,
@@ -172,7 +213,7 @@ class AdiabaticGas:
         stretches: Sequence[Number],
         v: Number,
     ) -> Number:
-        return self.absolute / self._compression(_cubes(self, walls, stretches)) - self.ambient
+        return -self.defect(0.0, _cubes(walls, stretches))
 
     def flow_law(
         self, walls: Sequence[Membrane], y: Sequence[float], residual: list[Number], rows: list[list[Number]]
@@ -191,7 +232,6 @@ class Liquid:
 
     volume: Number
 
-    chamber = 0.0
     spectrum = CONSTRAINED
 
     def defect(self, pressure: Number, cubes: Number) -> Number:
@@ -253,7 +293,7 @@ class Liquid:
     ) -> list[float]:
         stretches = y[: len(walls)]
         for _ in range(30):
-            missing = self.volume - _cubes(self, walls, stretches) / 3.0
+            missing = self.volume - _cubes(walls, stretches) / 3.0
             # Towards the volume where it costs least: a wall near its stretch limit hardly moves.
             change = [
                 wall.cube * x * x * wall.elastomer.pole_form(x)[1] / wall.weight
@@ -280,8 +320,8 @@ class Law(Protocol):
         """What stays when the valve is closed in a state: n, or for a liquid the volume."""
         ...
 
-    def sealed(self, pressure: Number, volume: Number) -> Contents:
-        """The valve closed in a state."""
+    def sealed(self, pressure: Number, swelling: Number) -> Contents:
+        """The valve closed in a state; `swelling` is the balloons' volume, without the chamber."""
         ...
 
     def energy(self, amount: FloatArray, pressure: FloatArray, volume: FloatArray) -> FloatArray:
@@ -305,10 +345,12 @@ class Isothermal:
     def amount(self, pressure: Number, volume: Number) -> Number:
         return (pressure + self.ambient) * volume
 
-    def sealed(self, pressure: Number, volume: Number) -> IdealGas:
+    def sealed(self, pressure: Number, swelling: Number) -> IdealGas | SealedGas:
+        if self.chamber != 0.0:
+            return SealedGas(pressure, swelling, self.ambient, self.chamber, Isotherm())
         # Sealed at no pressure in a vacuum there is no gas; tension is lost before its law is ever used.
-        amount = self.amount(pressure, volume)
-        return IdealGas(_TINY if amount == 0.0 else amount, self.ambient, self.chamber)
+        amount = self.amount(pressure, swelling)
+        return IdealGas(_TINY if amount == 0.0 else amount, self.ambient)
 
     def energy(self, amount: FloatArray, pressure: FloatArray, volume: FloatArray) -> FloatArray:
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -331,10 +373,8 @@ class Adiabatic:
     def amount(self, pressure: Number, volume: Number) -> Number:
         return (pressure + self.ambient) * volume
 
-    def sealed(self, pressure: Number, volume: Number) -> AdiabaticGas:
-        absolute = pressure + self.ambient
-        absolute = _TINY if absolute == 0.0 else absolute
-        return AdiabaticGas(absolute, volume, self.exponent, self.ambient, self.chamber)
+    def sealed(self, pressure: Number, swelling: Number) -> SealedGas:
+        return SealedGas(pressure, swelling, self.ambient, self.chamber, Adiabat(self.exponent))
 
     def energy(self, amount: FloatArray, pressure: FloatArray, volume: FloatArray) -> FloatArray:
         inner = (pressure + self.ambient) * volume / (self.exponent - 1.0)
@@ -356,8 +396,8 @@ class Incompressible:
     def amount(self, pressure: Number, volume: Number) -> Number:
         return volume
 
-    def sealed(self, pressure: Number, volume: Number) -> Liquid:
-        return Liquid(volume - self.chamber)
+    def sealed(self, pressure: Number, swelling: Number) -> Liquid:
+        return Liquid(swelling)
 
     def energy(self, amount: FloatArray, pressure: FloatArray, volume: FloatArray) -> FloatArray:
         return np.zeros_like(volume)
@@ -366,9 +406,9 @@ class Incompressible:
         return np.ones_like(volume)
 
 
-def _cubes(contents: Contents, walls: Sequence[Membrane], stretches: Sequence[Number]) -> Number:
-    """Σ r³λ³ with the chamber."""
-    total: Number = 3.0 * contents.chamber
+def _cubes(walls: Sequence[Membrane], stretches: Sequence[Number]) -> Number:
+    """Σ r³λ³."""
+    total: Number = 0.0
     for wall, x in zip(walls, stretches, strict=True):
         total = total + wall.cube * x * x * x
     return total

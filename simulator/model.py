@@ -6,7 +6,8 @@ while inflating, the pressure). There are one fewer equations than unknowns, so 
 equilibrium path.
 
 Two sets of equations exist. `SealedBalloons`: valve closed, all balloons on one fixed amount of gas, or
-liquid, see `gas`. `OpenBalloon`: valve open, the pressure is given, balloons do not feel each other and each has its own.
+liquid, see `gas`. `OpenBalloon`: valve open, the pressure is given, balloons do not feel each other and each
+has its own.
 Both are composed of membranes; a membrane without a voltage has no electrical term at all.
 
 Every force balance is divided by kᵢ and multiplied through by the denominator D of the elastomer's force,
@@ -267,21 +268,19 @@ class SealedBalloons:
 
     # What IDA asks for at every step, looked up once.
     @cached_property
-    def _forces(self) -> tuple[list[tuple[Callable[..., Number], float]], Number, Callable[..., Number]]:
+    def _forces(self) -> tuple[list[tuple[Callable[..., Number], float]], Callable[..., Number]]:
         walls = [(m.force, w.cube) for m, w in zip(self.membranes, self.walls, strict=True)]
-        return walls, 3.0 * self.gas.chamber, self.gas.defect
+        return walls, self.gas.defect
 
     @cached_property
-    def _linears(self) -> tuple[list[tuple[Callable[..., Any], float]], Number, Callable[..., Any]]:
+    def _linears(self) -> tuple[list[tuple[Callable[..., Any], float]], Callable[..., Any]]:
         walls = [(m.linearised, w.cube) for m, w in zip(self.membranes, self.walls, strict=True)]
-        return walls, 3.0 * self.gas.chamber, self.gas.linearised
+        return walls, self.gas.linearised
 
     @cached_property
-    def _stiffnesses(
-        self,
-    ) -> tuple[list[tuple[Callable[..., Any], float, float]], Number, Callable[..., Number]]:
+    def _stiffnesses(self) -> tuple[list[tuple[Callable[..., Any], float, float]], Callable[..., Number]]:
         walls = [(m.stiffness, w.cube, w.weight) for m, w in zip(self.membranes, self.walls, strict=True)]
-        return walls, 3.0 * self.gas.chamber, self.gas.stiffness
+        return walls, self.gas.stiffness
 
     @cached_property
     def scales(self) -> FloatArray:
@@ -291,7 +290,8 @@ class SealedBalloons:
     def residual(self, y: State) -> list[Number]:
         *stretches, pressure, v = y
         out: list[Number] = []
-        walls, cubes, defect = self._forces
+        cubes: Number = 0.0
+        walls, defect = self._forces
         for (force, cube), x in zip(walls, stretches, strict=True):
             out.append(force(x, pressure, v))
             cubes = cubes + cube * x * x * x
@@ -304,7 +304,8 @@ class SealedBalloons:
         residual: list[Number] = []
         rows: Rows = []
         areas: list[Number] = []
-        walls, cubes, law = self._linears
+        cubes: Number = 0.0
+        walls, law = self._linears
         for (linearised, cube), x in zip(walls, stretches, strict=True):
             row: list[Number] = [0.0] * (count + 2)
             force, row[len(rows)], row[-2], row[-1] = linearised(x, pressure, v)
@@ -324,7 +325,8 @@ class SealedBalloons:
         *stretches, pressure, v = y
         diagonal: list[Number] = []
         areas: list[Number] = []
-        walls, cubes, coupling = self._stiffnesses
+        cubes: Number = 0.0
+        walls, coupling = self._stiffnesses
         for (stiffness, cube, weight), x in zip(walls, stretches, strict=True):
             slope, denominator = stiffness(x, pressure, v)
             diagonal.append(slope)

@@ -334,9 +334,9 @@ class _Run:
 
     def _seal(self) -> None:
         """Close the valve in the present state."""
-        volume = float(self.device.volume(self.stretch[None])[0])
-        self.gas = self.device.law.sealed(self.pressure, volume)
-        self.amount = float(self.device.law.amount(self.pressure, volume))
+        device, stretch = self.device, self.stretch[None]
+        self.gas = device.law.sealed(self.pressure, float(device.swelling(stretch)[0]))
+        self.amount = float(device.law.amount(self.pressure, float(device.volume(stretch)[0])))
 
     def _note(
         self, times: FloatArray, stretch: FloatArray, pressure: FloatArray, voltage: FloatArray

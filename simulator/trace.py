@@ -146,9 +146,9 @@ def sealed_state(scenario: Scenario) -> tuple[Device, Group, FloatArray]:
         )
     device = Device.from_scenario(scenario)
     line = VoltageLine.common(len(device.electroded))
-    (group,) = assembly.actuated(
-        device, line, gas=device.law.sealed(float(history.pressure[-1]), float(history.volume[-1]))
-    )
+    swelling = float(device.swelling(history.stretch[-1:])[0])
+    gas = device.law.sealed(float(history.pressure[-1]), swelling)
+    (group,) = assembly.actuated(device, line, gas=gas)
     start = np.array([*history.stretch[-1], history.pressure[-1], 0.0])
     return device, group, equilibrium.one_at_drive(group.equations, start)
 
@@ -170,7 +170,7 @@ def rests(device: Device, gas: Contents) -> list[FloatArray]:
         pressures = np.unique(np.concatenate([part[1] for part in combination]))
         pressures = np.concatenate([[low], pressures[(pressures > low) & (pressures < high)], [high]])
         stretches = np.array([np.interp(pressures, part[1], part[0]) for part in combination])
-        excess = np.asarray(gas.defect(pressures, 3.0 * gas.chamber + device.radius**3 @ stretches**3))
+        excess = np.asarray(gas.defect(pressures, device.radius**3 @ stretches**3))
         for i in np.flatnonzero(excess[:-1] * excess[1:] <= 0.0):
             share = excess[i] / (excess[i] - excess[i + 1]) if excess[i] != excess[i + 1] else 0.0
             guess = np.array([*stretches[:, i], pressures[i]])

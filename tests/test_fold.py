@@ -100,7 +100,7 @@ def test_the_inflated_state_ends_at_the_snap_pressure():
 @pytest.mark.parametrize(
     ("key", "message"),
     [
-        ("gas.temperature", "cannot be varied; can be: gas.ambient_pressure, gas.chamber"),
+        ("gas.temperature", "cannot be varied; can be: gas.ambient_pressure"),
         ("balloon.nobody.radius", "cannot be varied"),
         ("balloon.active.name", "cannot be varied"),
         ("step.2.ramp", "cannot be varied"),

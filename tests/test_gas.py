@@ -13,7 +13,7 @@ from simulator.drive import VoltageLine
 from simulator.events import eigenvalues, softest_mode, stability
 from simulator.explanation import explain
 from simulator.fold import fold
-from simulator.gas import AdiabaticGas, IdealGas, Liquid
+from simulator.gas import Adiabat, Isotherm, Liquid, SealedGas
 from simulator.scenario import ScenarioError, load_scenario
 from simulator.spectrum import CONSTRAINED, COUPLED
 from simulator.trace import rests, sealed_state, trace, trace_all
@@ -38,9 +38,9 @@ def gas(ambient: float = 1.0, **more):
 
 THREE = device()
 CONTENTS = {
-    "chamber": IdealGas(5.0, 0.3, 0.7),
-    "adiabatic": AdiabaticGas(1.2, 3.0, 1.4, 0.3),
-    "adiabatic, chamber": AdiabaticGas(1.2, 3.0, 1.67, 0.3, 0.7),
+    "chamber": SealedGas(0.9, 2.3, 0.3, 0.7, Isotherm()),
+    "adiabatic": SealedGas(0.9, 3.0, 0.3, 0.0, Adiabat(1.4)),
+    "adiabatic, chamber": SealedGas(0.9, 2.3, 0.3, 0.7, Adiabat(1.67)),
     "liquid": Liquid(1.7),
 }
 LINES = {
@@ -326,7 +326,7 @@ def test_the_stability_column_is_the_curvature_of_the_energy():
         stretch, voltage = np.array([[1.6, 1.3]]), np.array([[0.2]])
         volume = balloons.volume(stretch)
         pressure = np.array([0.4])
-        contents = balloons.law.sealed(0.4, float(volume[0]))
+        contents = balloons.law.sealed(0.4, float(balloons.swelling(stretch)[0]))
         sealed = balloons.sealed(contents, VoltageLine.common(1))
         amount = np.asarray(balloons.law.amount(pressure, volume))
 
@@ -432,3 +432,18 @@ def test_refusals(filled, message):
     with pytest.raises(ScenarioError) as caught:
         single({"inflate": 1}, **gas(1.0, **filled))
     assert str(caught.value) == f"<dict>: {message}"
+
+
+@pytest.mark.parametrize("chamber", [1e3, 1e5, 1e8])
+def test_large_chambers_under_high_ambient_pressure(chamber):
+    """Beside them (p + pₑ)V hardly changes: p is right to rounding all the same."""
+    steps = [{"inflate": 1.2}, {"ramp": 0.16, "over": 10}, {"ramp": 0.0, "over": 10}]
+    history = run(single(*steps, **gas(60.0, chamber=chamber)))
+    assert kinds(history) == ["limit_point"]
+    x, p, phi = history.stretch[101:, 0], history.pressure[101:], history.voltage[101:, 0]
+    assert p == pytest.approx(ClosedForm.force(x) / x**2 - 2 * phi**2 * x, abs=1e-12)
+    swelling = x**3 / 3
+    start = history.stretch[100, 0] ** 3 / 3
+    fall = 61.2 * (swelling - start) / (chamber + swelling)
+    assert p == pytest.approx(1.2 - fall, abs=1e-12)
+    assert history.energy_balance.relative_imbalance < 1e-8
