@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.drive import VoltageLine
+from simulator.charged import ChargedMembrane
+from simulator.drive import Quantity, VoltageLine
 from simulator.elastomer import Elastomer, Gent, NeoHookean
 from simulator.gas import Adiabatic, Contents, Incompressible, Isothermal, Law
 from simulator.model import AnyMembrane, ElectrodedMembrane, Membrane, OpenBalloon, SealedBalloons
@@ -88,7 +89,7 @@ class Device:
         )
 
     def membrane(self, balloon: int, line: VoltageLine) -> AnyMembrane:
-        """One balloon's wall under its share of the voltages; without one, the bare wall."""
+        """One balloon's wall under its share of the voltages or charges; without one, the bare wall."""
         wall = self.walls[balloon]
         if balloon not in self.electroded:
             return wall
@@ -98,6 +99,9 @@ class Device:
             return wall
         h, k, e = self.thickness[balloon], self.modulus[balloon], self.permittivity[balloon]
         capacitance = float(self.radius[balloon] ** 2 * e / h)
+        if line.quantity == "charge":
+            load = 2.0 / (wall.weight * capacitance)
+            return ChargedMembrane(wall, load, capacitance, float(h), offset, rate)
         return ElectrodedMembrane(wall, float(2.0 * e / (h * h * k)), capacitance, float(h), offset, rate)
 
     def sealed(self, gas: Contents, line: VoltageLine) -> SealedBalloons:
@@ -108,10 +112,9 @@ class Device:
         """One balloon with the valve open at `pressure`, voltages moving along `line`."""
         return OpenBalloon(self.membrane(balloon, line), pressure, 0.0)
 
-    def inflated(self, balloon: int, voltages: Sequence[float]) -> OpenBalloon:
-        """One balloon with the valve open under a moving pressure, voltages held."""
-        held = VoltageLine(tuple(voltages), (0.0,) * len(voltages))
-        return OpenBalloon(self.membrane(balloon, held), 0.0, 1.0)
+    def inflated(self, balloon: int, values: Sequence[float], quantity: Quantity = "voltage") -> OpenBalloon:
+        """One balloon with the valve open under a moving pressure, voltages or charges held."""
+        return OpenBalloon(self.membrane(balloon, VoltageLine.still(values, quantity)), 0.0, 1.0)
 
     def volume(self, stretch: FloatArray) -> FloatArray:
         """V = V_c + Σ rᵢ³λᵢ³/3 of states (n, n_balloons), with the chamber's V_c, over 4πR³."""
@@ -129,8 +132,21 @@ class Device:
     def charge(self, stretch: FloatArray, voltage: FloatArray) -> FloatArray:
         """Charges r²(e/h)φλ⁴, (n, n_electroded), over 4πR²√(εμ)."""
         chosen = list(self.electroded)
-        capacitance = self.radius[chosen] ** 2 * self.permittivity[chosen] / self.thickness[chosen]
-        return np.asarray(capacitance * voltage * stretch[:, chosen] ** 4)
+        return np.asarray(self._unstretched_capacitance * voltage * stretch[:, chosen] ** 4)
+
+    def voltage(self, line: VoltageLine, v: FloatArray, stretch: FloatArray) -> FloatArray:
+        """Voltages (n, n_electroded) of states (n, n_balloons) at n places of the drive's line."""
+        if line.quantity == "voltage":
+            return line.at(v)
+        return np.asarray(
+            line.at(v) / (self._unstretched_capacitance * stretch[:, list(self.electroded)] ** 4)
+        )
+
+    @cached_property
+    def _unstretched_capacitance(self) -> FloatArray:
+        """r²e/h of the balloons with electrodes."""
+        chosen = list(self.electroded)
+        return np.asarray(self.radius[chosen] ** 2 * self.permittivity[chosen] / self.thickness[chosen])
 
     def energy(
         self,
@@ -139,11 +155,17 @@ class Device:
         voltage: FloatArray,
         gas: FloatArray,
         is_open: NDArray[np.bool_],
+        charged: NDArray[np.bool_] | None = None,
     ) -> FloatArray:
-        """The potential Π of states (n,), with −pV for its gas terms where the valve is open."""
+        """The potential Π of states (n,), with −pV for its gas terms where the valve is open.
+
+        Where the charges are given (`charged`) it has +½φq in place of −½φq.
+        """
         volume = self.volume(stretch)
         elastic = sum(w.potential(x, 0.0) for w, x in zip(self.walls, stretch.T, strict=True))
         electric = 0.5 * np.sum(self.charge(stretch, voltage) * voltage, axis=1)
+        if charged is not None:
+            electric = np.where(charged, -electric, electric)
         sealed = self.law.energy(gas, pressure, volume)
         return np.asarray(elastic - electric + np.where(is_open, -pressure * volume, sealed))
 
@@ -154,26 +176,40 @@ class Device:
         voltage: FloatArray,
         gas: FloatArray,
         is_open: NDArray[np.bool_],
+        charged: NDArray[np.bool_] | None = None,
     ) -> FloatArray:
         """Smallest eigenvalue of the Hessian of Π in the stretches, (n,).
 
+        At given voltages, or where `charged` at given charges.
+
         With a liquid, of what changes no volume; NaN where nothing can move (one balloon).
         """
-        diagonal = np.empty_like(stretch)
-        line = VoltageLine((0.0,) * len(self.electroded), (1.0,) * len(self.electroded))
-        for i, (wall, x) in enumerate(zip(self.walls, stretch.T, strict=True)):
-            membrane = self.membrane(i, line)
-            v = voltage[:, self.electroded.index(i)] if i in self.electroded else 0.0
-            force, slope, _, _ = membrane.linearised(x, pressure, v)
-            _, denominator = wall.elastomer.pole_form(x)
-            _, denominator_slope = wall.elastomer.pole_form_slope(x)
-            # ∂g/∂λ from R = Dg, also right where g is not zero (states in which a snap lost its tension).
-            diagonal[:, i] = wall.weight * (slope - force / denominator * denominator_slope) / denominator
+        diagonal = self._curvatures(stretch, pressure, voltage, "voltage")
+        if charged is not None and charged.any():
+            charge = self.charge(stretch, voltage)
+            at_charge = self._curvatures(stretch, pressure, charge, "charge")
+            diagonal = np.where(charged[:, None], at_charge, diagonal)
         arms = self.radius**3 * stretch**2
         stiffness = self.law.stiffness(gas, pressure, self.volume(stretch))
         if self.law.spectrum is CONSTRAINED:
             return np.where(is_open, diagonal.min(axis=1), _across(diagonal, arms))
         return smallest_eigenvalue(diagonal, np.where(is_open, 0.0, stiffness), arms)
+
+    def _curvatures(
+        self, stretch: FloatArray, pressure: FloatArray, drive: FloatArray, quantity: Quantity
+    ) -> FloatArray:
+        """r²h ∂g/∂λ of each balloon, (n, n_balloons), at given pressures and voltages or charges."""
+        diagonal = np.empty_like(stretch)
+        line = VoltageLine.common(len(self.electroded), quantity)
+        for i, (wall, x) in enumerate(zip(self.walls, stretch.T, strict=True)):
+            membrane = self.membrane(i, line)
+            v = drive[:, self.electroded.index(i)] if i in self.electroded else 0.0
+            force, slope, _, _ = membrane.linearised(x, pressure, v)
+            _, denominator = wall.elastomer.pole_form(x)
+            _, denominator_slope = wall.elastomer.pole_form_slope(x)
+            # ∂g/∂λ from R = Dg, also right where g is not zero (states in which a snap lost its tension).
+            diagonal[:, i] = wall.weight * (slope - force / denominator * denominator_slope) / denominator
+        return diagonal
 
 
 def _across(diagonal: FloatArray, arms: FloatArray) -> FloatArray:

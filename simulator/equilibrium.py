@@ -257,6 +257,18 @@ def escape_direction(equations: Equations, state: FloatArray, direction: float) 
     return np.asarray(change / np.linalg.norm(change))
 
 
+def softest_change(equations: Equations, state: FloatArray) -> FloatArray:
+    """The softest mode as a change of the stretches, unit length, (n_balloons,)."""
+    # S = T H T: the mode z of S is the mode T z of H.
+    values = state.tolist()
+    scale = [
+        np.sqrt(max(w.elastomer.pole_form(x)[1], 1e-300) / w.weight)
+        for w, x in zip(equations.walls, values, strict=False)
+    ]
+    change = np.array(scale) * softest_mode(equations, state)
+    return np.asarray(change / np.linalg.norm(change))
+
+
 def parting_direction(equations: Equations, state: FloatArray) -> FloatArray:
     """How the stretches part at a branch point: of all soft modes, what lets the first balloon grow most.
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.charged import ChargedMembrane
 from simulator.elastomer import Number
 from simulator.model import ElectrodedMembrane, Equations, OpenBalloon, SealedBalloons, State
 
@@ -44,7 +45,7 @@ def conditions(
     else:
         membranes = (equations.membrane,)
     for place, (membrane, strength) in enumerate(zip(membranes, strengths, strict=True)):
-        if strength is not None and isinstance(membrane, ElectrodedMembrane):
+        if strength is not None and isinstance(membrane, ElectrodedMembrane | ChargedMembrane):
             found.append(intactness(membrane, place, strength))
     return tuple(found)
 
@@ -91,7 +92,7 @@ def tension(equations: SealedBalloons) -> Condition:
     return Condition("loss_of_tension", lambda y: y[place], slope)
 
 
-def intactness(membrane: ElectrodedMembrane, place: int, strength: float) -> Condition:
+def intactness(membrane: ElectrodedMembrane | ChargedMembrane, place: int, strength: float) -> Condition:
     """1 − (E/E_b)² of one electroded balloon; at zero its film breaks down."""
 
     def margin(y: State) -> Number:

@@ -5,13 +5,15 @@ Nothing is solved. The text is read off the same assembly that a run uses.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from simulator import assembly
+from simulator.charged import ChargedMembrane
 from simulator.device import Device
 from simulator.gas import Adiabatic, Isothermal
 from simulator.model import ElectrodedMembrane, Membrane, SealedBalloons
-from simulator.scenario import Hold, Inflate, Jump, duration
+from simulator.scenario import Charge, Hold, Inflate, Jump, Ramp, duration
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
     from simulator.scenario import PlayedStep, Scenario
 
 _MOST_STEPS = 24
+_UNKNOWN = 0.123456789  # a voltage or charge that only a run can tell, and nobody asks for
 
 
 def explain(scenario: Scenario) -> str:
@@ -50,7 +53,8 @@ def _lines(scenario: Scenario) -> Iterator[str]:
         yield f"  {balloon.name}: {sizes}{electrodes}; {elastomer}"
     yield ""
     yield "Steps"
-    voltage: Sequence[float] = [0.0] * len(device.electroded)
+    count = len(device.electroded)
+    source = assembly.Electrodes([0.0] * count, [0.0] * count, "voltage")
     pressure, was_open = 0.0, False
     some_gas = device.law.sealed(1.0, 1.0)
     seen: set[str] = set()
@@ -59,10 +63,11 @@ def _lines(scenario: Scenario) -> Iterator[str]:
         if number > _MOST_STEPS:
             yield f"  … and {len(steps) - _MOST_STEPS} more steps"
             break
-        line, waveform = assembly.motion(step, scenario.electroded, voltage, pressure)
+        source = replace(source, given=assembly.given_by(step) or source.given)
+        line, waveform = assembly.motion(step, scenario.electroded, source, pressure)
         opens = isinstance(step, Inflate) or step.valve == "open"
         if isinstance(step, Inflate):
-            groups = assembly.inflating(device, voltage)
+            groups = assembly.inflating(device, line)
         elif opens:
             groups = assembly.actuated_open(device, line, pressure=pressure)
         else:
@@ -70,7 +75,7 @@ def _lines(scenario: Scenario) -> Iterator[str]:
         moves = isinstance(step, Jump) or bool((waveform.values != waveform.values[0]).any())
         yield from _step(number, step, waveform.fractions.size - 1, groups if moves else [], device)
         first = line.at(float(waveform.values[0])).tolist()
-        if not isinstance(step, Inflate | Hold | Jump) and first != voltage:
+        if not isinstance(step, Inflate | Hold | Jump | Ramp | Charge) and first != source.voltage:
             yield f"     begins by a jump of the voltage to {waveform.values[0]:g}, as a jump step does"
         if opens and not was_open and not isinstance(step, Inflate) and number > 1:
             yield "     opens the valve: a balloon that only the shared gas held would leave, by a jump"
@@ -80,7 +85,10 @@ def _lines(scenario: Scenario) -> Iterator[str]:
         if isinstance(step, Inflate):
             pressure = step.inflate
         elif not isinstance(step, Hold):
-            voltage = line.at(float(waveform.values[-1])).tolist()
+            reached = line.at(float(waveform.values[-1])).tolist()
+            follows = [0.0 if value == 0.0 else _UNKNOWN for value in reached]
+            voltage, charge = (reached, follows) if line.quantity == "voltage" else (follows, reached)
+            source = assembly.Electrodes(voltage, charge, line.quantity)
     yield ""
     yield "Left out"
     yield from (f"  {reason}" for reason in _left_out(scenario, steps, seen))
@@ -100,7 +108,8 @@ def _step(number: int, step: PlayedStep, pieces: int, groups: list[Group], devic
         yield f"  {number}. {kind}, {duration(step):g} long, valve {valve}: {pieces} smooth {plural}"
     at_once = isinstance(step, Jump)
     for group in groups:
-        drive = [] if at_once else ["pressure (driven)" if isinstance(step, Inflate) else "voltage (driven)"]
+        driven = {Inflate: "pressure", Charge: "charge"}.get(type(step), "voltage")
+        drive = [] if at_once else [f"{driven} (driven)"]
         yield f"     unknowns   {', '.join(_unknowns(group, device) + drive)}"
         for equation in _equations(group, device):
             yield f"     equation   {equation}"
@@ -126,6 +135,8 @@ def _equations(group: Group, device: Device) -> Iterator[str]:
         if isinstance(membrane, ElectrodedMembrane):
             e, h = device.permittivity[place], device.thickness[place]
             terms += f" − {2.0 * e / h**2:g} φ² λ³"
+        elif isinstance(membrane, ChargedMembrane):
+            terms += f" − {membrane.electric_load * wall.modulus:g} q² λ⁻⁵"
         yield f"force balance of {name}: {terms} = 0"
     if sealed:
         yield _contents(device.law)

@@ -1,14 +1,15 @@
 """The equations: membranes, and the two sets that they are composed into.
 
 The unknowns of a set of equations are y = (stretches…, [pressure], v): the stretches of the balloons that
-feel each other, the gas pressure where it is unknown, and last the coordinate v of the drive (a voltage or,
-while inflating, the pressure). There are one fewer equations than unknowns, so they define a curve, the
-equilibrium path.
+feel each other, the gas pressure where it is unknown, and last the coordinate v of the drive (a voltage,
+a charge or, while inflating, the pressure). There are one fewer equations than unknowns, so they define a
+curve, the equilibrium path.
 
 Two sets of equations exist. `SealedBalloons`: valve closed, all balloons on one fixed amount of gas, or
 liquid, see `gas`. `OpenBalloon`: valve open, the pressure is given, balloons do not feel each other and each
 has its own.
-Both are composed of membranes; a membrane without a voltage has no electrical term at all.
+Both are composed of membranes; a membrane without a voltage has no electrical term at all, one on which the
+charge is given another (`charged`).
 
 Every force balance is divided by kᵢ and multiplied through by the denominator D of the elastomer's force,
 
@@ -28,6 +29,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.charged import ChargedMembrane
 from simulator.elastomer import Elastomer, Number
 from simulator.gas import Contents
 from simulator.spectrum import COUPLED, Spectrum
@@ -169,7 +171,7 @@ class ElectrodedMembrane:
         return self.capacitance * (self.offset + self.rate * v) ** 2 * stretch**4
 
 
-AnyMembrane = Membrane | ElectrodedMembrane
+AnyMembrane = Membrane | ElectrodedMembrane | ChargedMembrane
 
 
 def _wall(membrane: AnyMembrane) -> Membrane:
@@ -234,11 +236,11 @@ class Equations(Protocol):
         ...
 
     def drive_power(self, y: State) -> Number:
-        """−∂Π/∂v: Σ q dφ/dv, or V dp/dv."""
+        """−∂Π/∂v: Σ q dφ/dv, or −Σ φ dq/dv, or V dp/dv."""
         ...
 
     def electric_supply(self, y: State) -> Number:
-        """Σ φq."""
+        """Σ φq where voltages are given."""
         ...
 
     def gas_supply(self, y: State) -> Number:
@@ -441,12 +443,12 @@ class OpenBalloon:
 
 
 def _voltage_scale(membranes: Sequence[AnyMembrane]) -> float:
-    """The smallest coordinate v that matters to a membrane: √(2/b), one over its rate."""
+    """The smallest coordinate v (voltage or charge) that matters to a membrane: √(2/b), one over its rate."""
     return min(
         (
             float(np.sqrt(2.0 / m.electric_load)) / abs(m.rate)
             for m in membranes
-            if isinstance(m, ElectrodedMembrane) and m.rate
+            if isinstance(m, ElectrodedMembrane | ChargedMembrane) and m.rate
         ),
         default=1.0,
     )

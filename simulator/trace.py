@@ -123,7 +123,7 @@ def trace_inflation(scenario: Scenario, balloon: str | None = None, until: Until
         )
     place = device.names.index(balloon) if balloon is not None else len(device.names) - 1
     device = device.bare(place)
-    (group,) = assembly.inflating(device, [])
+    (group,) = assembly.inflating(device, VoltageLine.common(0))
     return _traced(scenario.title, device, group, np.array([1.0, 0.0]), until or Until())
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from simulator import flow
 from simulator.assembly import AnyEquations, Group
 from simulator.branch import Branch, BranchEnd, beside
+from simulator.charged import ChargedMembrane
 from simulator.drive import Waveform
 from simulator.equilibrium import escape_direction, is_fold, parting_direction
 from simulator.model import ElectrodedMembrane, SealedBalloons
@@ -192,14 +193,14 @@ def arrivals(
 
 
 def loses_tension(equations: AnyEquations, state: FloatArray, target: float) -> bool:
-    """Whether tension is lost at once: no pressure, valve closed, a voltage rising towards `target`."""
+    """Whether tension is lost at once: no pressure, valve closed, a drive rising towards `target`."""
     if not isinstance(equations, SealedBalloons) or state[-2] > 0.0:
         return False
     v = float(state[-1])
     for membrane in equations.membranes:
-        if isinstance(membrane, ElectrodedMembrane):
-            voltage, change = membrane.offset + membrane.rate * v, membrane.rate * (target - v)
-            if voltage * change > 0.0 or (voltage == 0.0 and change != 0.0):
+        if isinstance(membrane, ElectrodedMembrane | ChargedMembrane):
+            now, change = membrane.offset + membrane.rate * v, membrane.rate * (target - v)
+            if now * change > 0.0 or (now == 0.0 and change != 0.0):
                 return True
     return False
 

@@ -69,7 +69,7 @@ TITLE, GAS, ACTIVE, PASSIVE = (
     'name = "passive"',
 )
 GENT, RAMP, HOLD, POINTS = 'model = "gent", J_lim = 100', "ramp = 0.2\nover = 10", "hold = 5", "points = 101"
-KINDS = "inflate, ramp, hold, jump, sine, triangle, table, cycle"
+KINDS = "inflate, ramp, charge, hold, jump, sine, triangle, table, cycle"
 VOLTAGE = "a number, or a table of one or more numbers by balloon name"
 A_NAME = "a name of letters, digits and _, no digit first"
 TOP = "title, source, gas, balloon, step, output, solver"

@@ -10,6 +10,7 @@ from simulator.scenario.device import Balloon, Breakdown, Elastomer, Gas, Gent, 
 from simulator.scenario.document import Output, Scenario, Solver, load_scenario
 from simulator.scenario.errors import Problem, ScenarioError
 from simulator.scenario.steps import (
+    Charge,
     Cycle,
     Hold,
     Inflate,
@@ -29,6 +30,7 @@ __all__ = [
     "MAX_SAMPLES",
     "Balloon",
     "Breakdown",
+    "Charge",
     "Cycle",
     "Elastomer",
     "Gas",

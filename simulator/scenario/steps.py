@@ -48,6 +48,17 @@ class Ramp(Frozen):
     valve: Valve = "closed"
 
 
+class Charge(Frozen):
+    """Charge ramped linearly to `charge`: one number for all electrodes, or a number by balloon name.
+
+    The voltage follows. Electrodes not named keep the charge they have.
+    """
+
+    charge: Voltage
+    over: Positive = 1.0
+    valve: Valve = "closed"
+
+
 class Hold(Frozen):
     """Everything kept for the time `hold`."""
 
@@ -135,10 +146,11 @@ class Cycle(Frozen):
     steps: Annotated[tuple[Step, ...], AfterValidator(not_empty), Field(description="one or more steps")]
 
 
-PlayedStep = Inflate | Ramp | Hold | Jump | Sine | Triangle | Table
+PlayedStep = Inflate | Ramp | Charge | Hold | Jump | Sine | Triangle | Table
 
 _STEPS: dict[str, type[PlayedStep | Cycle]] = {
-    next(iter(kind.model_fields)): kind for kind in (Inflate, Ramp, Hold, Jump, Sine, Triangle, Table, Cycle)
+    next(iter(kind.model_fields)): kind
+    for kind in (Inflate, Ramp, Charge, Hold, Jump, Sine, Triangle, Table, Cycle)
 }
 
 
@@ -156,7 +168,7 @@ Step = Annotated[PlayedStep | Cycle, Chosen(_step)]
 def duration(step: PlayedStep) -> float:
     """How long a step lasts; a jump takes no time."""
     match step:
-        case Inflate() | Ramp():
+        case Inflate() | Ramp() | Charge():
             return step.over
         case Hold():
             return step.hold
