@@ -447,3 +447,19 @@ def test_large_chambers_under_high_ambient_pressure(chamber):
     fall = 61.2 * (swelling - start) / (chamber + swelling)
     assert p == pytest.approx(1.2 - fall, abs=1e-12)
     assert history.energy_balance.relative_imbalance < 1e-8
+
+
+def test_the_figure_of_chambers_ends_in_the_open_valve():
+    """The limit curve of the figure is the equilibrium of the history with the valve open."""
+    from simulator.figures.chamber import open_valve
+
+    scenario = load_scenario("scenarios/keplinger_chamber.toml")
+    stretch, voltage, stable = open_valve(scenario)
+    opened = run(single({"inflate": 1.2}, {"ramp": 0.16, "valve": "open"}, **gas(60.0)))
+    for row in (120, 150, -1):
+        place = int(np.argmin(np.abs(stretch - opened.stretch[row, 0])))
+        assert voltage[place] == pytest.approx(opened.voltage[row, 0], abs=1e-2)
+        assert stable[place]
+    rise = np.diff(voltage) > 0
+    valid = np.isfinite(voltage[1:]) & np.isfinite(voltage[:-1]) & (stable[1:] == stable[:-1])
+    assert (rise == stable[1:])[valid].all()
