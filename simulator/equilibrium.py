@@ -180,10 +180,14 @@ def at_event(equations: Equations, condition: Condition, guess: FloatArray) -> F
     for _ in range(2 * _ITERATIONS):
         values = state.tolist()
         residual, rows = equations.linearised(values)
+        if not np.all(np.isfinite(residual)):
+            break
         defect = np.array([*residual, condition.margin(values)])
         if not np.all(np.isfinite(defect)):
             break
         slope = condition.slope(state).tolist()
+        if not np.all(np.isfinite(slope)):
+            break
         # In sizes of the state itself: near a stretch limit the pressure or voltage is far above its scale.
         scales = np.maximum(equations.scales, np.abs(state))
         matrix = np.array([*rows, slope], dtype=np.float64) * scales

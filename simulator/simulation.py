@@ -25,7 +25,7 @@ from simulator.history import EnergyBalance, Event, EventKind, History, Outcome,
 from simulator.model import OpenBalloon
 from simulator.path import ULPS
 from simulator.scenario import Charge, Hold, Inflate, Ramp, duration
-from simulator.walk import Atlas, Happening, Turn, Walk, by_time, loses_tension
+from simulator.walk import Atlas, Happening, Turn, Walk, by_time, is_slack, loses_tension
 
 if TYPE_CHECKING:
     from simulator.scenario import PlayedStep, Scenario
@@ -234,7 +234,10 @@ class _Run:
         across = VoltageLine.through(self.voltage.tolist(), target.tolist())
         old, new = across.coordinate(self.voltage.tolist()), across.coordinate(target.tolist())
         groups = self._actuated(across)
-        if any(loses_tension(g.equations, self._state(g, old), new) for g in groups):
+        if any(
+            loses_tension(g.equations, self._state(g, old), new) or is_slack(g.equations, self._state(g, new))
+            for g in groups
+        ):
             self._note_event("loss_of_tension", self.stretch, self.pressure, None, None, None)
             return True
         turns = {}

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 Number = Any
 
+_LEAST = float(np.finfo(float).tiny)
+
 
 class Spectrum(Protocol):
     """Eigenvalues, modes and determinant, from the diagonal d and the squares s of the coupling."""
@@ -102,9 +104,12 @@ class Constrained:
             return 1.0 + 0.0 * diagonal[0]
         if len(diagonal) == 2:
             (d, e), (s, t) = diagonal, squares
-            return (d * t + e * s) / (s + t)
+            total = s + t
+            if isinstance(total, float) and total == 0.0:
+                return math.nan  # both beyond their stretch limits: a trial that leads nowhere
+            return (d * t + e * s) / total
         arms = np.sqrt(np.maximum(np.asarray(squares).T, 0.0))
-        across = arms / np.sqrt(np.sum(arms * arms, axis=-1, keepdims=True))
+        across = arms / np.maximum(np.sqrt(np.sum(arms * arms, axis=-1, keepdims=True)), _LEAST)
         spread = np.asarray(diagonal).T
         turned = spread * across
         # D − u(Du)ᵀ − (Du)uᵀ + (u·Du + σ) u uᵀ; σ puts the forbidden direction above all others.
@@ -143,7 +148,7 @@ class Constrained:
             out=np.zeros_like(square_slopes),
             where=arms[:, None] > 0.0,
         )
-        pull = float(arms @ (diagonal * mode)) / float(arms @ arms)
+        pull = float(arms @ (diagonal * mode)) / max(float(arms @ arms), _LEAST)
         return np.asarray(mode**2 @ diagonal_slopes - 2.0 * pull * (mode @ turns))
 
     def determinant(self, diagonal: Sequence[Number], squares: Sequence[Number]) -> Number:

@@ -205,6 +205,11 @@ def loses_tension(equations: AnyEquations, state: FloatArray, target: float) -> 
     return False
 
 
+def is_slack(equations: AnyEquations, state: FloatArray) -> bool:
+    """Whether stretches under a changed drive need a pressure below zero: of a liquid it changes at once."""
+    return equations.has_pressure and float(equations.admitted(state.tolist())[-2]) < 0.0
+
+
 def by_time(walks: Sequence[Walk], resolution: float) -> list[tuple[float, dict[int, Turn]]]:
     """The turns of all walks in order of time, those of one instant together, keyed by the walk's place."""
     merged: list[tuple[float, dict[int, Turn]]] = []

@@ -463,3 +463,13 @@ def test_the_figure_of_chambers_ends_in_the_open_valve():
     rise = np.diff(voltage) > 0
     valid = np.isfinite(voltage[1:]) & np.isfinite(voltage[:-1]) & (stable[1:] == stable[:-1])
     assert (rise == stable[1:])[valid].all()
+
+
+def test_a_jump_that_would_need_a_liquid_below_zero_pressure_loses_the_tension_at_once():
+    """A gas keeps its pressure while the stretches stand; that of a liquid follows the voltage at once."""
+    history = run(single({"inflate": 0.5}, {"jump": 0.9}, **gas(law="liquid")))
+    assert kinds(history) == ["loss_of_tension"]
+    assert history.events[0].stretch_after is None
+    assert history.pressure[-1] == pytest.approx(0.5)
+    assert history.voltage[-1, 0] == 0.0
+    assert kinds(run(single({"inflate": 0.5}, {"jump": 0.3}, **gas(law="liquid")))) == ["jump"]
