@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
@@ -238,6 +238,7 @@ def test_charges_by_name_and_those_not_named():
     assert history.energy_balance.relative_imbalance < 1e-8
 
 
+@settings(max_examples=40)
 @given(
     first=st.tuples(st.integers(0, 30), st.integers(0, 30)),
     then=st.tuples(st.integers(0, 30), st.integers(0, 30)),
