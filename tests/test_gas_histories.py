@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.linalg import null_space
+from scipy.optimize import brentq
 
 from simulator.device import Device
 from simulator.drive import VoltageLine
@@ -223,3 +224,19 @@ def test_a_jump_that_would_need_a_liquid_below_zero_pressure_loses_the_tension_a
     assert history.pressure[-1] == pytest.approx(0.5)
     assert history.voltage[-1, 0] == 0.0
     assert kinds(run(single({"inflate": 0.5}, {"jump": 0.3}, **gas(law="liquid")))) == ["jump"]
+
+
+def test_the_smallest_chamber_on_which_a_balloon_snaps():
+    """There the limit point ends in a cusp: on a smaller one the voltage rises throughout."""
+    scenario = load_scenario("scenarios/keplinger_chamber.toml")
+    end = fold(scenario, "gas.chamber", 100.0)
+    assert end.end == "cusp"
+    start = brentq(lambda x: ClosedForm.force(x) / x**2 - 1.2, 1.1, 1.39, xtol=1e-15)
+
+    def least_rise(chamber):
+        x = np.linspace(start, 3.0, 20_001) + 1e-30j
+        swelling = (x**3 - start**3) / 3
+        p = 1.2 - 61.2 * swelling / (chamber + x**3 / 3)
+        return float(np.min(((ClosedForm.force(x) - p * x**2) / (2 * x**3)).imag))
+
+    assert brentq(least_rise, 300.0, 360.0, rtol=1e-12) == pytest.approx(end.value[-1], rel=1e-6)
