@@ -124,6 +124,7 @@ def variation(equations: Equations, condition: Condition, state: FloatArray, cha
     slope = condition.slope(state)
     along = slope[:count]
     if equations.has_pressure:
-        gas = equations.linearised(state.tolist())[1][count]
-        along = along - slope[count] * np.array(gas[:count], dtype=np.float64) / float(gas[count])
+        values = state.tolist()
+        law = equations.flow_law(values, *equations.linearised(values))[1]
+        along = along - slope[count] * np.array(law[:count], dtype=np.float64) / float(law[count])
     return float(np.abs(along) @ np.abs(change))

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING
 
 from simulator import drive
 from simulator.device import Device
-from simulator.drive import VoltageLine, Waveform
+from simulator.drive import Quantity, VoltageLine, Waveform
 from simulator.events import Condition, conditions
+from simulator.gas import Contents
 from simulator.model import OpenBalloon, SealedBalloons
-from simulator.scenario import Hold, Inflate, Jump, Ramp, Sine, Table, Triangle
+from simulator.scenario import Charge, Hold, Inflate, Jump, Ramp, Sine, Table, Triangle
 
 if TYPE_CHECKING:
     from simulator.scenario import PlayedStep
@@ -32,52 +33,86 @@ class Group:
     members: tuple[int, ...]
 
 
-def motion(
-    step: PlayedStep, electroded: Sequence[str], voltage: Sequence[float], pressure: float
-) -> tuple[VoltageLine, Waveform]:
-    """The line that a step's voltages move along from the present ones, and how v moves.
+@dataclass(frozen=True)
+class Electrodes:
+    """The present voltages and charges of the electroded balloons, and which of the two is given."""
 
-    While inflating the voltages stand still and v is the pressure.
+    voltage: Sequence[float]
+    charge: Sequence[float]
+    given: Quantity
+
+    @property
+    def line(self) -> VoltageLine:
+        """What is given, held where it is."""
+        return VoltageLine.still(self.voltage if self.given == "voltage" else self.charge, self.given)
+
+
+def given_by(step: PlayedStep) -> Quantity | None:
+    """What a step gives its electrodes: voltages or charges; None where it leaves them as they are."""
+    if isinstance(step, Inflate | Hold):
+        return None
+    return "charge" if isinstance(step, Charge) else "voltage"
+
+
+def motion(
+    step: PlayedStep, electroded: Sequence[str], electrodes: Electrodes, pressure: float
+) -> tuple[VoltageLine, Waveform]:
+    """The line that a step's voltages (or charges) move along from the present ones, and how v moves.
+
+    While inflating they stand still and v is the pressure.
     """
-    count = len(voltage)
-    still = VoltageLine(tuple(voltage), (0.0,) * count)
     match step:
         case Inflate():
-            return still, drive.ramp(pressure, step.inflate)
+            return electrodes.line, drive.ramp(pressure, step.inflate)
         case Hold():
-            return still, drive.ramp(0.0, 0.0)
-        case Ramp() | Jump():
-            wanted = step.ramp if isinstance(step, Ramp) else step.jump
-            target = [
-                wanted.get(name, now) if isinstance(wanted, dict) else float(wanted)
-                for name, now in zip(electroded, voltage, strict=True)
-            ]
-            line = VoltageLine.through(voltage, target)
-            first = voltage if isinstance(step, Ramp) else target
-            return line, drive.ramp(line.coordinate(first), line.coordinate(target))
+            return electrodes.line, drive.ramp(0.0, 0.0)
+        case Ramp():
+            return _towards(step.ramp, electroded, electrodes.voltage, "voltage")
+        case Charge():
+            return _towards(step.charge, electroded, electrodes.charge, "charge")
+        case Jump():
+            line, waveform = _towards(step.jump, electroded, electrodes.voltage, "voltage")
+            return line, drive.ramp(waveform.values[-1], waveform.values[-1])
         case Sine():
             wave = drive.sine(step.sine.mean, step.sine.amplitude, step.sine.cycles)
         case Triangle():
             wave = drive.triangle(step.triangle.low, step.triangle.high, step.triangle.cycles)
         case Table():
             wave = drive.table(step.times, step.voltages)
-    return VoltageLine.common(count), wave
+    return VoltageLine.common(len(electroded)), wave
 
 
-def inflating(device: Device, voltage: Sequence[float]) -> list[Group]:
-    """Every balloon by itself, under a moving pressure."""
-    return [_group(device, device.inflated(i, voltage), [i]) for i in range(len(device.names))]
+def _towards(
+    wanted: float | dict[str, float], electroded: Sequence[str], present: Sequence[float], quantity: Quantity
+) -> tuple[VoltageLine, Waveform]:
+    """The line from present voltages or charges to those wanted, and a ramp along it."""
+    target = [
+        wanted.get(name, now) if isinstance(wanted, dict) else float(wanted)
+        for name, now in zip(electroded, present, strict=True)
+    ]
+    line = VoltageLine.through(present, target, quantity)
+    return line, drive.ramp(line.coordinate(present), line.coordinate(target))
 
 
-def actuated(device: Device, line: VoltageLine, *, amount: float) -> list[Group]:
-    """Valve closed: all balloons on their gas, if any voltage moves."""
-    if not any(line.rate):
-        return []
-    return [_group(device, device.sealed(amount, line), range(len(device.names)))]
+def inflating(device: Device, held: VoltageLine) -> list[Group]:
+    """Every balloon by itself, under a moving pressure, voltages or charges held."""
+    return [
+        _group(device, device.inflated(i, held.offset, held.quantity), [i]) for i in range(len(device.names))
+    ]
+
+
+def actuated(device: Device, line: VoltageLine, *, gas: Contents) -> list[Group]:
+    """Valve closed: all balloons on their gas (or liquid), if any voltage or charge moves."""
+    return [held(device, line, gas=gas)] if any(line.rate) else []
+
+
+def held(device: Device, line: VoltageLine, *, gas: Contents) -> Group:
+    """Valve closed: all balloons on their gas (or liquid)."""
+    return _group(device, device.sealed(gas, line), range(len(device.names)))
 
 
 def actuated_open(device: Device, line: VoltageLine, *, pressure: float) -> list[Group]:
-    """Valve open: each balloon whose voltage moves, by itself."""
+    """Valve open: each balloon whose voltage or charge moves, by itself."""
     return [
         _group(device, device.actuated(i, pressure, line), [i])
         for i, rate in zip(device.electroded, line.rate, strict=True)
@@ -85,9 +120,8 @@ def actuated_open(device: Device, line: VoltageLine, *, pressure: float) -> list
     ]
 
 
-def held_open(device: Device, voltage: Sequence[float], *, pressure: float) -> list[Group]:
+def held_open(device: Device, line: VoltageLine, *, pressure: float) -> list[Group]:
     """Valve just opened, nothing moving: every balloon by itself."""
-    line = VoltageLine(tuple(voltage), (0.0,) * len(voltage))
     return [_group(device, device.actuated(i, pressure, line), [i]) for i in range(len(device.names))]
 
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.events import Condition, softest_mode
+from simulator.events import Condition, modes, softest_mode
 from simulator.model import Equations, Rows, SealedBalloons
 
 FloatArray = NDArray[np.float64]
@@ -187,15 +187,21 @@ def at_event(equations: Equations, condition: Condition, guess: FloatArray) -> F
     for _ in range(2 * _ITERATIONS):
         values = state.tolist()
         residual, rows = equations.linearised(values)
+        if not np.all(np.isfinite(residual)):
+            break
         defect = np.array([*residual, condition.margin(values)])
         if not np.all(np.isfinite(defect)):
             break
         slope = condition.slope(state).tolist()
+        if not np.all(np.isfinite(slope)):
+            break
         # In sizes of the state itself: near a stretch limit the pressure or voltage is far above its scale.
         scales = np.maximum(equations.scales, np.abs(state))
         matrix = np.array([*rows, slope], dtype=np.float64) * scales
         # Rows of one size, so that only a true singularity is cut off, not a small row.
         sizes = np.sqrt(np.einsum("ij,ij->i", matrix, matrix))
+        if not sizes.all():
+            break  # a margin that nothing changes
         step = np.linalg.lstsq(matrix / sizes[:, None], defect / sizes, rcond=1e-9)[0]
         state = state - scales * step
         size = float(np.max(np.abs(step)))
@@ -266,6 +272,18 @@ def escape_direction(equations: Equations, state: FloatArray, direction: float) 
     return np.asarray(change / np.linalg.norm(change))
 
 
+def softest_change(equations: Equations, state: FloatArray) -> FloatArray:
+    """The softest mode as a change of the stretches, unit length, (n_balloons,)."""
+    # S = T H T: the mode z of S is the mode T z of H.
+    values = state.tolist()
+    scale = [
+        np.sqrt(max(w.elastomer.pole_form(x)[1], 1e-300) / w.weight)
+        for w, x in zip(equations.walls, values, strict=False)
+    ]
+    change = np.array(scale) * softest_mode(equations, state)
+    return np.asarray(change / np.linalg.norm(change))
+
+
 def parting_direction(equations: Equations, state: FloatArray) -> FloatArray:
     """How the stretches part at a branch point: of all soft modes, what lets the first balloon grow most.
 
@@ -273,11 +291,10 @@ def parting_direction(equations: Equations, state: FloatArray) -> FloatArray:
     is the direction in which another branch leaves. Unit length, (n_balloons,).
     """
     values = state.tolist()
-    diagonal, squares = equations.stiffness(values)
-    arms = np.sqrt(np.maximum(squares, 0.0))
-    sizes, modes = np.linalg.eigh(np.diag(diagonal) + np.outer(arms, arms))
-    soft = modes[:, np.abs(sizes) <= 1e-8 * np.abs(sizes).max()]
-    soft = soft if soft.size else modes[:, :1]
+    diagonal, _ = equations.stiffness(values)
+    sizes, vectors = modes(equations, state)
+    soft = vectors[:, np.abs(sizes) <= 1e-8 * max(np.abs(sizes).max(), np.abs(diagonal).max())]
+    soft = soft if soft.size else vectors[:, :1]
     first = int(np.argmax(np.abs(soft).max(axis=1) > 1e-3))
     walls = equations.walls
     scale = np.array(

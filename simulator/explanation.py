@@ -5,22 +5,27 @@ Nothing is solved. The text is read off the same assembly that a run uses.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 from simulator import assembly, units
+from simulator.charged import ChargedMembrane
 from simulator.device import Device
+from simulator.gas import Adiabatic, Isothermal
 from simulator.model import ElectrodedMembrane, Membrane, SealedBalloons
-from simulator.scenario import Hold, Inflate, Jump, duration
+from simulator.scenario import Charge, Hold, Inflate, Jump, Ramp, duration
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from simulator.assembly import Group
     from simulator.drive import VoltageLine, Waveform
+    from simulator.gas import Law
     from simulator.scenario import PlayedStep, Scenario
     from simulator.units import Scales
 
 _MOST_STEPS = 24
+_UNKNOWN = 0.123456789  # a voltage or charge that only a run can tell, and nobody asks for
 
 
 def explain(scenario: Scenario) -> str:
@@ -54,22 +59,28 @@ class Assembled(NamedTuple):
 def assembled(scenario: Scenario) -> Iterator[Assembled]:
     """The steps of a scenario in the order they are played, with what each assembles; nothing is solved."""
     device = Device.from_scenario(scenario)
-    voltage: Sequence[float] = [0.0] * len(device.electroded)
+    nothing = [0.0] * len(device.electroded)
+    source = assembly.Electrodes(nothing, nothing, "voltage")
     pressure = 0.0
+    some_gas = device.law.sealed(1.0, 1.0)
     for step in scenario.played_steps():
-        line, waveform = assembly.motion(step, scenario.electroded, voltage, pressure)
+        source = replace(source, given=assembly.given_by(step) or source.given)
+        line, waveform = assembly.motion(step, scenario.electroded, source, pressure)
         if isinstance(step, Inflate):
-            groups = assembly.inflating(device, voltage)
+            groups = assembly.inflating(device, line)
         elif step.valve == "open":
             groups = assembly.actuated_open(device, line, pressure=pressure)
         else:
-            groups = assembly.actuated(device, line, amount=1.0)
+            groups = assembly.actuated(device, line, gas=some_gas)
         moves = isinstance(step, Jump) or bool((waveform.values != waveform.values[0]).any())
-        yield Assembled(step, line, waveform, groups if moves else [], voltage)
+        yield Assembled(step, line, waveform, groups if moves else [], source.voltage)
         if isinstance(step, Inflate):
             pressure = step.inflate
         elif not isinstance(step, Hold):
-            voltage = line.at(float(waveform.values[-1])).tolist()
+            reached = line.at(float(waveform.values[-1])).tolist()
+            follows = [0.0 if value == 0.0 else _UNKNOWN for value in reached]
+            voltage, charge = (reached, follows) if line.quantity == "voltage" else (follows, reached)
+            source = assembly.Electrodes(voltage, charge, line.quantity)
 
 
 def _lines(scenario: Scenario) -> Iterator[str]:
@@ -98,7 +109,7 @@ def _lines(scenario: Scenario) -> Iterator[str]:
         opens = isinstance(step, Inflate) or step.valve == "open"
         yield from _step(number, step, waveform.fractions.size - 1, groups, device)
         first = line.at(float(waveform.values[0])).tolist()
-        if not isinstance(step, Inflate | Hold | Jump) and first != before:
+        if not isinstance(step, Inflate | Hold | Jump | Ramp | Charge) and first != before:
             yield f"     begins by a jump of the voltage to {waveform.values[0]:g}, as a jump step does"
         if opens and not was_open and not isinstance(step, Inflate) and number > 1:
             yield "     opens the valve: a balloon that only the shared gas held would leave, by a jump"
@@ -132,7 +143,8 @@ def _step(number: int, step: PlayedStep, pieces: int, groups: list[Group], devic
         yield f"  {number}. {kind}, {duration(step):g} long, valve {valve}: {pieces} smooth {plural}"
     at_once = isinstance(step, Jump)
     for group in groups:
-        drive = [] if at_once else ["pressure (driven)" if isinstance(step, Inflate) else "voltage (driven)"]
+        driven = {Inflate: "pressure", Charge: "charge"}.get(type(step), "voltage")
+        drive = [] if at_once else [f"{driven} (driven)"]
         yield f"     unknowns   {', '.join(_unknowns(group, device) + drive)}"
         for equation in _equations(group, device):
             yield f"     equation   {equation}"
@@ -158,9 +170,22 @@ def _equations(group: Group, device: Device) -> Iterator[str]:
         if isinstance(membrane, ElectrodedMembrane):
             e, h = device.permittivity[place], device.thickness[place]
             terms += f" − {2.0 * e / h**2:g} φ² λ³"
+        elif isinstance(membrane, ChargedMembrane):
+            terms += f" − {membrane.electric_load * wall.modulus:g} q² λ⁻⁵"
         yield f"force balance of {name}: {terms} = 0"
     if sealed:
-        yield f"gas: (p + {device.ambient:g}) Σ r³λ³/3 = n"
+        yield _contents(device.law)
+
+
+def _contents(law: Law) -> str:
+    chamber = f"{law.chamber:g} + " if law.chamber else ""
+    match law:
+        case Isothermal():
+            volume = f"({chamber}Σ r³λ³/3)" if chamber else "Σ r³λ³/3"
+            return f"gas: (p + {law.ambient:g}) {volume} = n"
+        case Adiabatic():
+            return f"gas: (p + {law.ambient:g}) ({chamber}Σ r³λ³/3)^{law.exponent:g} = constant"
+    return "liquid: Σ r³λ³/3 = constant"
 
 
 def _factor(value: float) -> str:

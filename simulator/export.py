@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from simulator.files import write_files
 from simulator.history import Outcome
-from simulator.units import in_si
+from simulator.units import VOLUME, in_si
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -117,7 +117,10 @@ def _with_si(columns: Columns, history: History) -> Columns:
     scales = history.scenario.scales
     if scales is None:
         return columns
-    return columns | in_si(columns, scales, {b.name: b.radius for b in history.scenario.balloons})
+    radii = {b.name: b.radius for b in history.scenario.balloons}
+    # The amount of a liquid is a volume.
+    others = {"gas": VOLUME} if history.scenario.gas.law == "liquid" else {}
+    return columns | in_si(columns, scales, radii, others)
 
 
 def curve_columns(curves: Sequence[Curve]) -> Columns:

@@ -208,7 +208,7 @@ def _flow(
     endless = [i for i, wall in enumerate(equations.walls) if math.isinf(wall.elastomer.stretch_limit)]
     far = _FAR * float(np.max(start[:count]))
     closest = [math.inf] * len(conditions)
-    state, near = start, NEAR
+    state, near = np.array(equations.admitted(start.tolist())), NEAR
     passed = False
     while True:
 
@@ -316,7 +316,7 @@ def integrate(
     def full(stretches: list[float]) -> list[float]:
         # The gas law is solved for the pressure here: as an unknown of the DAE it is the stiffer the higher
         # the ambient pressure, and IDA would have to follow its every digit.
-        return [*stretches, equations.gas_pressure(stretches), v] if sealed else [*stretches, v]
+        return [*stretches, equations.gas_pressure(stretches, v), v] if sealed else [*stretches, v]
 
     def residual(t: float, y: FloatArray, yp: FloatArray, out: FloatArray) -> None:
         values, speeds = y.tolist(), yp.tolist()
@@ -331,11 +331,13 @@ def integrate(
         t: float, y: FloatArray, yp: FloatArray, res: FloatArray, cj: float, out: FloatArray
     ) -> None:
         values, speeds = y.tolist(), yp.tolist()
-        _, rows = equations.linearised(full(values))
+        state = full(values)
+        forces, rows = equations.linearised(state)
+        slopes = equations.flow_law(state, forces, rows)[1] if sealed else []
         for i, (pole_form, slope, modulus) in enumerate(parts):
             rows[i][i] += (cj * pole_form(values[i])[1] + slope(values[i])[1] * speeds[i]) / modulus
         if sealed:
-            gas = [entry / rows[count][count] for entry in rows[count][:count]]
+            gas = [slope / slopes[count] for slope in slopes[:count]]
             for row in rows[:count]:
                 row[:count] = [entry - row[count] * g for entry, g in zip(row, gas, strict=False)]
         out[:] = [row[:count] for row in rows[:count]]
@@ -373,16 +375,17 @@ def integrate(
 def _consistent(equations: Equations, start: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Consistent values and rates of the flow's unknowns (stretches, [pressure]) for given stretches."""
     count = len(equations.walls)
-    values = start.tolist()
+    values = equations.admitted(start.tolist())
     if equations.has_pressure:
-        # The gas row is linear in the pressure: one Newton step is exact.
-        residual, rows = equations.linearised(values)
-        values[count] -= residual[count] / rows[count][count]
+        # The law is linear in the pressure: one Newton step is exact.
+        defect, slopes = equations.flow_law(values, *equations.linearised(values))
+        values[count] -= defect / slopes[count]
     residual, rows = equations.linearised(values)
     rates = [
         -residual[i] * wall.modulus / wall.elastomer.pole_form(values[i])[1]
         for i, wall in enumerate(equations.walls)
     ]
     if equations.has_pressure:
-        rates.append(-sum(rows[count][i] * rates[i] for i in range(count)) / rows[count][count])
+        slopes = equations.flow_law(values, residual, rows)[1]
+        rates.append(-sum(slopes[i] * rates[i] for i in range(count)) / slopes[count])
     return np.array(values[:-1]), np.array(rates)

@@ -23,6 +23,7 @@ from simulator.drive import VoltageLine
 from simulator.elastomer import Number
 from simulator.equilibrium import NotConverged
 from simulator.events import Condition, eigenvalues, singularity
+from simulator.gas import Contents
 from simulator.model import ElectrodedMembrane, OpenBalloon, SealedBalloons, State
 from simulator.path import Effort, PathError
 from simulator.piece import GAUSS_INTEGRALS, GAUSS_WEIGHTS, straight
@@ -91,7 +92,7 @@ def trace_all(scenario: Scenario) -> tuple[Curve, ...]:
     """
     device, group, start = sealed_state(scenario)
     curves = [_traced(scenario, device, group, start, Until())]
-    for rest in rests(device, float(group.equations.amount)):  # type: ignore[union-attr]
+    for rest in rests(device, group.equations.gas):  # type: ignore[union-attr]
         met = np.array([curve.stretch[i] for curve in curves for i in (0, -1)])
         if np.min(np.max(np.abs(met - rest[: met.shape[1]]), axis=1)) > 1e-7:
             curves.append(_traced(scenario, device, group, rest, Until()))
@@ -123,7 +124,7 @@ def trace_inflation(scenario: Scenario, balloon: str | None = None, until: Until
         )
     place = device.names.index(balloon) if balloon is not None else len(device.names) - 1
     device = device.bare(place)
-    (group,) = assembly.inflating(device, [])
+    (group,) = assembly.inflating(device, VoltageLine.common(0))
     return _traced(scenario, device, group, np.array([1.0, 0.0]), until or Until())
 
 
@@ -146,20 +147,21 @@ def sealed_state(scenario: Scenario) -> tuple[Device, Group, FloatArray]:
         )
     device = Device.from_scenario(scenario)
     line = VoltageLine.common(len(device.electroded))
-    (group,) = assembly.actuated(device, line, amount=float(history.gas[-1]))
+    swelling = float(device.swelling(history.stretch[-1:])[0])
+    gas = device.law.sealed(float(history.pressure[-1]), swelling)
+    (group,) = assembly.actuated(device, line, gas=gas)
     start = np.array([*history.stretch[-1], history.pressure[-1], 0.0])
     return device, group, equilibrium.one_at_drive(group.equations, start)
 
 
-def rests(device: Device, amount: float) -> list[FloatArray]:
+def rests(device: Device, gas: Contents) -> list[FloatArray]:
     """All equilibria (stretches…, p, 0) of the sealed device at zero voltage, stable or not.
 
     Every balloon lies on its own inflation curve p(λ), at one common pressure p; on the monotone parts of
     these curves λ is a function of p, and the gas law one equation for p in each combination of parts.
     """
     parts = [_monotone_parts(device, i) for i in range(len(device.names))]
-    (group,) = assembly.actuated(device, VoltageLine.common(len(device.electroded)), amount=amount)
-    cubes = device.radius**3 / 3.0
+    (group,) = assembly.actuated(device, VoltageLine.common(len(device.electroded)), gas=gas)
     found: list[FloatArray] = []
     for combination in itertools.product(*parts):
         low = max(part[1][0] for part in combination)
@@ -169,7 +171,7 @@ def rests(device: Device, amount: float) -> list[FloatArray]:
         pressures = np.unique(np.concatenate([part[1] for part in combination]))
         pressures = np.concatenate([[low], pressures[(pressures > low) & (pressures < high)], [high]])
         stretches = np.array([np.interp(pressures, part[1], part[0]) for part in combination])
-        excess = (pressures + device.ambient) * (cubes @ stretches**3) - amount
+        excess = np.asarray(gas.defect(pressures, device.radius**3 @ stretches**3))
         for i in np.flatnonzero(excess[:-1] * excess[1:] <= 0.0):
             share = excess[i] / (excess[i] - excess[i + 1]) if excess[i] != excess[i + 1] else 0.0
             guess = np.array([*stretches[:, i], pressures[i]])
@@ -209,9 +211,10 @@ def _traced(scenario: Scenario, device: Device, group: Group, start: FloatArray,
     while True:
         if len(pieces) > 2 * _MOST_TURNS:
             raise PathError(f"the path turns more than {_MOST_TURNS} times")
-        unstable = int(np.count_nonzero(eigenvalues(equations, state) < 0.0))
+        sizes = eigenvalues(equations, state)
+        unstable, modes = int(np.count_nonzero(sizes < 0.0)), sizes.size
         target = _target(equations.scales[-1], float(state[-1]), rising, until.v)
-        turns = _turns(group, unstable)
+        turns = _turns(group, unstable, modes)
         segment = path.follow(equations, (*turns, *ends), state, target, _RTOL, effort)
         pieces.append(_Piece(segment.states, segment.dense, segment.speeds, unstable))
         state = segment.states[:, -1]
@@ -261,10 +264,10 @@ def _stretch_condition(kind: str, place: int, value: float, sign: float) -> Cond
     return Condition(kind, margin, slope)
 
 
-def _turns(group: Group, unstable: int) -> tuple[Condition, ...]:
+def _turns(group: Group, unstable: int, modes: int) -> tuple[Condition, ...]:
     """The singular points at which the number of unstable directions goes down or up by one."""
     down = (singularity(group.equations, unstable - 1, -1.0),) if unstable else ()
-    up = (singularity(group.equations, unstable, 1.0),) if unstable < len(group.members) else ()
+    up = (singularity(group.equations, unstable, 1.0),) if unstable < modes else ()
     return (*down, *up)
 
 
@@ -319,7 +322,7 @@ def _curve(
     stretch = states[: len(device.names)].T
     voltage = np.repeat(states[-1:].T, len(device.electroded), axis=1)
     pressure = np.asarray(group.equations.pressure(states))
-    gas = (pressure + device.ambient) * device.volume(stretch)
+    gas = np.asarray(device.law.amount(pressure, device.volume(stretch)))
     is_open = np.full(len(stretch), isinstance(group.equations, OpenBalloon))
     return Curve(
         title=scenario.title,

@@ -224,7 +224,10 @@ def _registry() -> Any:
 
 
 def in_si(
-    columns: Mapping[str, NDArray[Any]], scales: Scales, radii: Mapping[str, float]
+    columns: Mapping[str, NDArray[Any]],
+    scales: Scales,
+    radii: Mapping[str, float],
+    others: Mapping[str, Dimension] | None = None,
 ) -> dict[str, NDArray[np.float64]]:
     """Columns of a result in SI units, named with their unit; those that have none are left out.
 
@@ -235,6 +238,8 @@ def in_si(
     scales : Scales
     radii : mapping of str to float
         Unstretched radii of the balloons over the reference one's: stretches times these are radii.
+    others : mapping of str to Dimension, optional
+        Quantities that are measured in something else than usual.
 
     Returns
     -------
@@ -242,14 +247,15 @@ def in_si(
         `voltage_<balloon> [V]`, `pressure_before [Pa]`, `radius_<balloon> [m]` and so on.
     """
     found = {}
+    dimensions = {**QUANTITIES, **(others or {})}
     for name, values in columns.items():
         quantity, _, rest = name.partition("_")
         sides = (rest, rest.removesuffix("_before"), rest.removesuffix("_after"))
         balloon = next((side for side in sides if side in radii), None)
         if quantity == "stretch" and balloon is not None:
             found[f"radius_{rest} [m]"] = values * radii[balloon] * scales.radius
-        elif quantity in QUANTITIES:
-            dimension = QUANTITIES[quantity]
+        elif quantity in dimensions:
+            dimension = dimensions[quantity]
             found[f"{name} [{dimension.unit}]"] = values * scales.of(dimension)
     return found
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from simulator.device import Device, smallest_eigenvalue
 from simulator.drive import VoltageLine
 from simulator.events import conditions, softest_mode, stability
+from simulator.gas import IdealGas
 from simulator.model import ElectrodedMembrane, Membrane
 from simulator.scenario import load_scenario
 
@@ -41,9 +42,9 @@ def systems():
     three = device()
     line = VoltageLine((0.1, 0.0), (0.5, 1.0))
     return {
-        "sealed three": three.sealed(5.0, line),
-        "sealed pair": device(2, (0,)).sealed(3.0, VoltageLine.common(1)),
-        "sealed one": device(1, (0,)).sealed(1.0, VoltageLine.common(1)),
+        "sealed three": three.sealed(IdealGas(5.0, 0.3), line),
+        "sealed pair": device(2, (0,)).sealed(IdealGas(3.0, 0.3), VoltageLine.common(1)),
+        "sealed one": device(1, (0,)).sealed(IdealGas(1.0, 0.3), VoltageLine.common(1)),
         "actuated": three.actuated(2, 0.6, line),
         "inflated": three.inflated(0, [0.2, 0.1]),
     }
@@ -131,9 +132,9 @@ def test_softest_mode_is_an_eigenvector():
 
 def test_only_what_moves_has_electrical_terms():
     three = device()
-    left_only = three.sealed(1.0, VoltageLine((0.0, 0.0), (1.0, 0.0)))
+    left_only = three.sealed(IdealGas(1.0, 0.3), VoltageLine((0.0, 0.0), (1.0, 0.0)))
     assert [type(m) for m in left_only.membranes] == [ElectrodedMembrane, Membrane, Membrane]
-    held = three.sealed(1.0, VoltageLine((0.0, 0.2), (1.0, 0.0)))
+    held = three.sealed(IdealGas(1.0, 0.3), VoltageLine((0.0, 0.2), (1.0, 0.0)))
     assert [type(m) for m in held.membranes] == [ElectrodedMembrane, Membrane, ElectrodedMembrane]
     assert type(three.inflated(0, [0.0, 0.0]).membrane) is Membrane
 
@@ -142,7 +143,7 @@ def test_conditions_are_those_that_apply():
     three = device()
     strengths = [9.0, None, None]
     line = VoltageLine.common(2)
-    assert [c.kind for c in conditions(three.sealed(1.0, line), strengths)] == [
+    assert [c.kind for c in conditions(three.sealed(IdealGas(1.0, 0.3), line), strengths)] == [
         "limit_point",
         "loss_of_tension",
         "breakdown",

@@ -300,7 +300,9 @@ def _sealed(task: Task) -> tuple[Group, FloatArray]:
     steps: Sequence[Any] = list(scenario.played_steps())[: task.inflations]
     inflated = simulate(scenario.model_copy(update={"steps": tuple(steps), "output": Output(points=2)}))
     line = VoltageLine.common(1)
-    (group,) = assembly.actuated(Device.from_scenario(scenario), line, amount=float(inflated.gas[-1]))
+    device = Device.from_scenario(scenario)
+    gas = device.law.sealed(float(inflated.pressure[-1]), float(inflated.volume[-1]))
+    (group,) = assembly.actuated(device, line, gas=gas)
     return group, np.array([*inflated.stretch[-1], inflated.pressure[-1], 0.0])
 
 

@@ -68,8 +68,12 @@ class SealedPair:
         Raises
         ------
         ValueError
-            If it is not two balloons, one of them with electrodes.
+            If it is not two balloons on an isothermal gas, one of them with electrodes and under voltages.
         """
+        if scenario.gas.law != "isothermal" or scenario.gas.chamber:
+            raise ValueError("the closed form needs an isothermal gas without a chamber")
+        if any(hasattr(step, "charge") for step in scenario.played_steps()):
+            raise ValueError("the closed form needs voltages, not charges")
         balloons = sorted(scenario.balloons, key=lambda b: not b.electrodes)
         if [b.electrodes for b in balloons] != [True, False]:
             raise ValueError("the closed form needs two balloons, one of them with electrodes")

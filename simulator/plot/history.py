@@ -206,7 +206,9 @@ def plot_loop(history: History, ax: Axes) -> Axes:
         ax.plot(*_polyline(x, y, new), color=colour, linewidth=1.8, solid_capstyle="round")
         for start, end in _travelled(x, y, new, spans):
             arrowhead(start, end, ax, colour)
-        for before, corner, after in _distinct_jumps(x, y, branch, spans):
+        at_once = [event.time for event in history.events if event.kind is EventKind.JUMP]
+        first_the_drive = np.isin(history.time[moving], at_once)
+        for before, corner, after in _distinct_jumps(x, y, branch, spans, first_the_drive):
             ax.plot(*zip(before, corner, after, strict=True), color=colour, linewidth=1.2, linestyle="--")
             if dist(corner / spans, after / spans) > SHORTEST_ARROW:
                 arrowhead(corner, after, ax, colour)
@@ -341,14 +343,16 @@ def _travelled(
 
 
 def _distinct_jumps(
-    x: FloatArray, y: FloatArray, branch: IntArray, spans: FloatArray
+    x: FloatArray, y: FloatArray, branch: IntArray, spans: FloatArray, first_the_drive: BoolArray
 ) -> list[tuple[Point, Point, Point]]:
-    """Before, corner and after of every jump that looks different: first the drive moves, then the state."""
+    """Before, corner and after of every jump that looks different.
+
+    Where a voltage jumps, first the drive moves, then the state. At a given charge a snap moves both at once.
+    """
     jumps: dict[tuple[int, ...], tuple[Point, Point, Point]] = {}
     for i in _last_of_branches(branch):
         before, after = (float(x[i]), float(y[i])), (float(x[i + 1]), float(y[i + 1]))
-        # A closed valve lets the pressure move with the state; then there is no corner to draw.
-        moves_first = before[1] != after[1] and before[0] != after[0]
+        moves_first = first_the_drive[i] and before[1] != after[1] and before[0] != after[0]
         corner = (after[0], before[1]) if moves_first else before
         key = (*_cell(before, spans), *_cell(after, spans))
         if key[:2] != key[2:]:  # another balloon may have jumped
@@ -361,6 +365,9 @@ def _distinct_marks(history: History, balloon: int, spans: FloatArray) -> list[t
     marks: dict[tuple[EventKind, int, int], tuple[EventKind, Point]] = {}
     for event in history.events:
         drive = float(event.voltage[0]) if history.electroded else event.pressure_before
+        if history.electroded and event.kind is not EventKind.JUMP:
+            # At a given charge the voltage falls in a snap; the event has it after that.
+            drive = _voltage_before(history, event)
         at = (drive, float(event.stretch_before[balloon]))
         after = event.stretch_after
         if after is not None and _cell(at, spans) == _cell((drive, float(after[balloon])), spans):
@@ -368,6 +375,12 @@ def _distinct_marks(history: History, balloon: int, spans: FloatArray) -> list[t
         key = (event.kind, *_cell(at, spans))
         marks.setdefault(key, (event.kind, at))
     return list(marks.values())
+
+
+def _voltage_before(history: History, event: Event) -> float:
+    rows = np.flatnonzero(history.time == event.time)
+    same = rows[(history.stretch[rows] == event.stretch_before).all(axis=1)]
+    return float(history.voltage[same[0] if same.size else rows[0], 0])
 
 
 def _cell(at: Point, spans: FloatArray) -> tuple[int, int]:

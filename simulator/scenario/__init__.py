@@ -11,6 +11,7 @@ from simulator.scenario.document import Output, Scenario, Solver, load_scenario
 from simulator.scenario.errors import Problem, ScenarioError
 from simulator.scenario.scales import Reference, dimension_of, dimensionless
 from simulator.scenario.steps import (
+    Charge,
     Cycle,
     Hold,
     Inflate,
@@ -30,6 +31,7 @@ __all__ = [
     "MAX_SAMPLES",
     "Balloon",
     "Breakdown",
+    "Charge",
     "Cycle",
     "Elastomer",
     "Gas",

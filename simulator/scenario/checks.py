@@ -40,6 +40,9 @@ def disagreements(scenario: Scenario) -> Iterator[Problem]:
                 lack = "has no electrodes" if name in names else "no such balloon"
                 allowed = f"{lack}, must be one of {', '.join(electroded)}"
                 yield Problem(f"{key}.{kind}.{name}", voltage[name], allowed)
+    gas = scenario.gas
+    if "exponent" in gas.model_fields_set and gas.law != "adiabatic":
+        yield Problem("gas.exponent", gas.exponent, f'needs law = "adiabatic", is {gas.law}')
     output = scenario.output
     if output.every is not None and "points" in output.model_fields_set:
         yield Problem("output", output.model_dump(), "must have points or every, not both")

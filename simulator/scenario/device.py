@@ -9,6 +9,7 @@ from pydantic import Field, ValidationInfo
 from simulator.scenario.fields import (
     Chosen,
     ElectricField,
+    Float,
     Frozen,
     Modulus,
     Permittivity,
@@ -16,14 +17,25 @@ from simulator.scenario.fields import (
     Pressure,
     Radius,
     Thickness,
+    Volume,
     refused,
 )
 
 
 class Gas(Frozen):
-    """The gas the balloons share; `ambient_pressure` in units of μH/R."""
+    """The gas, or liquid, that the balloons share.
+
+    `ambient_pressure` in units of μH/R; `chamber`, a rigid volume on the same gas, of 4πR³; `exponent` of an
+    adiabatic gas.
+    """
 
     ambient_pressure: Pressure
+    chamber: Volume = 0.0
+    law: Annotated[
+        Literal["isothermal", "adiabatic", "liquid"],
+        Field(description='"isothermal", "adiabatic" or "liquid"'),
+    ] = "isothermal"
+    exponent: Annotated[Float, Field(gt=1, description="a number > 1")] = 1.4
 
 
 class Gent(Frozen):

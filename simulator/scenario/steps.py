@@ -12,6 +12,7 @@ from pydantic import AfterValidator, Field, PlainSerializer, PrivateAttr, Valida
 
 from simulator.scenario.fields import (
     Chosen,
+    ElectricCharge,
     Frozen,
     Int,
     Positive,
@@ -36,6 +37,14 @@ Voltages = Annotated[
 ]
 
 
+Charges = Annotated[
+    float | dict[str, float],
+    Chosen(by_name(ElectricCharge)),
+    PlainSerializer(as_written),
+    Field(description="a number, or a table of one or more numbers by balloon name"),
+]
+
+
 class Inflate(Frozen):
     """Excess pressure ramped to `inflate`, valve open."""
 
@@ -47,6 +56,17 @@ class Ramp(Frozen):
     """Voltage ramped linearly to `ramp`: one number for all electrodes, or a number by balloon name."""
 
     ramp: Voltages
+    over: Time = 1.0
+    valve: Valve = "closed"
+
+
+class Charge(Frozen):
+    """Charge ramped linearly to `charge`: one number for all electrodes, or a number by balloon name.
+
+    The voltage follows. Electrodes not named keep the charge they have.
+    """
+
+    charge: Charges
     over: Time = 1.0
     valve: Valve = "closed"
 
@@ -138,10 +158,11 @@ class Cycle(Frozen):
     steps: Annotated[tuple[Step, ...], AfterValidator(not_empty), Field(description="one or more steps")]
 
 
-PlayedStep = Inflate | Ramp | Hold | Jump | Sine | Triangle | Table
+PlayedStep = Inflate | Ramp | Charge | Hold | Jump | Sine | Triangle | Table
 
 _STEPS: dict[str, type[PlayedStep | Cycle]] = {
-    next(iter(kind.model_fields)): kind for kind in (Inflate, Ramp, Hold, Jump, Sine, Triangle, Table, Cycle)
+    next(iter(kind.model_fields)): kind
+    for kind in (Inflate, Ramp, Charge, Hold, Jump, Sine, Triangle, Table, Cycle)
 }
 
 
@@ -159,7 +180,7 @@ Step = Annotated[PlayedStep | Cycle, Chosen(_step)]
 def duration(step: PlayedStep) -> float:
     """How long a step lasts; a jump takes no time."""
     match step:
-        case Inflate() | Ramp():
+        case Inflate() | Ramp() | Charge():
             return step.over
         case Hold():
             return step.hold

@@ -128,7 +128,8 @@ def _corners(step: PlayedStep, now: float) -> list[float]:
         wanted = step.ramp if isinstance(step, Ramp) else step.jump
         target = next(iter(wanted.values())) if isinstance(wanted, dict) else wanted
         return [now, float(target)]
-    return [float(v) for v in assembly.motion(step, ("active",), [now], 0.0)[1].values]
+    electrodes = assembly.Electrodes([now], [0.0], "voltage")
+    return [float(v) for v in assembly.motion(step, ("active",), electrodes, 0.0)[1].values]
 
 
 def _turns(scenario: Scenario) -> list[float | Jump]:

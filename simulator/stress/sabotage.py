@@ -217,7 +217,7 @@ def _other(strikes: Strikes, equations: Any, state: FloatArray) -> FloatArray | 
         tops = [min(wall.elastomer.stretch_limit, 10.0) for wall in equations.walls]
         guess[:count] = strikes.rng.uniform(1.0, tops)
         if equations.has_pressure:
-            guess[count] = equations.gas_pressure(guess[:count].tolist())
+            guess[count] = equations.gas_pressure(guess[:count].tolist(), float(guess[-1]))
         try:
             with np.errstate(all="ignore"):
                 found = equilibrium.one_at_drive(equations, guess)
@@ -347,7 +347,7 @@ def _drifting(strikes: Strikes) -> AbstractContextManager[None]:
             strikes.count += 1
             moved = _moved(strikes, equations, states[:, -1], 0.3)
             if equations.has_pressure:
-                moved[-2] = equations.gas_pressure(moved[:-2].tolist())
+                moved[-2] = equations.gas_pressure(moved[:-2].tolist(), float(moved[-1]))
             states = np.concatenate([states[:, :-1], moved[:, None]], axis=1)
         return states, ended
 
