@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.drive import VoltageLine
-from simulator.elastomer import Elastomer, Gent, NeoHookean
+from simulator.elastomer import Elastomer, as_written
 from simulator.model import AnyMembrane, ElectrodedMembrane, Membrane, OpenBalloon, SealedBalloons
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class Device:
         electroded = tuple(i for i, b in enumerate(balloons) if b.electrodes)
         return cls(
             names=tuple(b.name for b in balloons),
-            elastomers=tuple(_elastomer(b) for b in balloons),
+            elastomers=tuple(_elastomer(scenario, b) for b in balloons),
             radius=np.array([b.radius for b in balloons]),
             thickness=np.array([b.thickness for b in balloons]),
             modulus=np.array([b.modulus for b in balloons]),
@@ -185,8 +185,15 @@ def smallest_eigenvalue(diagonal: FloatArray, coupling: FloatArray, arms: FloatA
     return np.asarray(np.linalg.eigvalsh(matrices)[:, 0])
 
 
-def _elastomer(balloon: Balloon) -> Elastomer:
-    chosen = balloon.elastomer
-    if chosen.model == "gent":
-        return Gent(chosen.J_lim)
-    return NeoHookean()
+def _elastomer(scenario: Scenario, balloon: Balloon) -> Elastomer:
+    """A balloon's elastomer; one that was made elsewhere is checked first."""
+    elastomer = as_written(balloon.elastomer)
+    if balloon.elastomer.model == "python":
+        from simulator.elastomer.checks import defect
+        from simulator.scenario import Problem, ScenarioError
+
+        found = defect(elastomer)
+        if found is not None:
+            key = f"balloon.{balloon.name}.elastomer"
+            raise ScenarioError(scenario.file, Problem(key, repr(elastomer), found))
+    return elastomer

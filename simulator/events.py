@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.elastomer import Number
+from simulator.elastomer import Number, largest_stretch
 from simulator.model import ElectrodedMembrane, Equations, OpenBalloon, SealedBalloons, State
 
 FloatArray = NDArray[np.float64]
@@ -47,6 +47,9 @@ def conditions(
     for place, (membrane, strength) in enumerate(zip(membranes, strengths, strict=True)):
         if strength is not None and isinstance(membrane, ElectrodedMembrane):
             found.append(intactness(membrane, place, strength))
+    for place, wall in enumerate(equations.walls):
+        if (largest := largest_stretch(wall.elastomer)) < math.inf:
+            found.append(validity(place, largest))
     return tuple(found)
 
 
@@ -98,6 +101,17 @@ def intactness(membrane: ElectrodedMembrane, place: int, strength: float) -> Con
         return np.asarray(np.imag(margin(_complex_steps(y))) / _STEP)
 
     return Condition("breakdown", margin, slope)
+
+
+def validity(place: int, largest: float) -> Condition:
+    """How far a stretch is from the largest that its elastomer is known at."""
+
+    def slope(y: FloatArray) -> FloatArray:
+        out = np.zeros(y.size)
+        out[place] = -1.0
+        return out
+
+    return Condition("out_of_range", lambda y: largest - y[place], slope)
 
 
 _STEP = 1e-30

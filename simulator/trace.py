@@ -20,7 +20,7 @@ from simulator.assembly import AnyEquations, Group
 from simulator.curve import Curve, SpecialPoint
 from simulator.device import Device
 from simulator.drive import VoltageLine
-from simulator.elastomer import Number
+from simulator.elastomer import Number, largest_stretch
 from simulator.equilibrium import NotConverged
 from simulator.events import Condition, eigenvalues, singularity
 from simulator.model import ElectrodedMembrane, OpenBalloon, SealedBalloons, State
@@ -185,7 +185,7 @@ def rests(device: Device, amount: float) -> list[FloatArray]:
 def _monotone_parts(device: Device, balloon: int) -> list[tuple[FloatArray, FloatArray]]:
     """Stretches and pressures, pressures rising, along each monotone part of a balloon's inflation curve."""
     wall = device.walls[balloon]
-    limit = wall.elastomer.stretch_limit
+    limit = min(wall.elastomer.stretch_limit, largest_stretch(wall.elastomer))
     top = limit * (1.0 - 1e-9) if np.isfinite(limit) else _ENDLESS
     stretches = np.concatenate(
         [np.geomspace(1.0, 0.99 * top, 4000), top - np.geomspace(0.01 * top, 1e-9 * top, 400)[1:]]
@@ -229,8 +229,10 @@ def _traced(title: str, device: Device, group: Group, start: FloatArray, until: 
 
 
 def _ends(group: Group, start: FloatArray, until: Until) -> Iterator[Condition]:
-    """What ends a path besides zero voltage: slack membranes, a stretch at its limit, a stretch asked for."""
-    yield from (condition for condition in group.conditions if condition.kind == "loss_of_tension")
+    """What ends a path besides zero voltage: slack membranes, a stretch at its limit, a stretch asked for, or
+    the end of a measured curve."""
+    ending = ("loss_of_tension", "out_of_range")
+    yield from (condition for condition in group.conditions if condition.kind in ending)
     for place, wall in enumerate(group.equations.walls):
         if np.isfinite(wall.elastomer.stretch_limit):
             yield _stretch_condition(

@@ -27,7 +27,7 @@ STABLE: dict[str, Any] = {"linewidth": 1.8, "solid_capstyle": "round"}
 UNSTABLE: dict[str, Any] = {"linewidth": 1.0, "linestyle": (0, (4, 2))}
 
 _NEARLY = 0.95  # a path that runs off along its stretch limit is shown up to this part of it
-_MARKED = ("limit_point", "branch_point", "loss_of_tension", "reached")
+_MARKED = ("limit_point", "branch_point", "loss_of_tension", "out_of_range", "reached")
 
 
 def plot_curves(curves: Sequence[Curve]) -> Figure:

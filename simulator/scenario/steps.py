@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any, Literal
 
@@ -10,7 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, PrivateAttr, TypeAdapter, ValidationInfo
 
-from simulator.scenario.fields import Chosen, Frozen, Int, NonNegative, Number, Positive, not_empty, refused
+from simulator.scenario.fields import (
+    Chosen,
+    Frozen,
+    Int,
+    NonNegative,
+    Number,
+    Positive,
+    absolute,
+    not_empty,
+    refused,
+)
 from simulator.scenario.reading import read_table
 
 Valve = Annotated[Literal["closed", "open"], Field(description='"closed" or "open"')]
@@ -94,17 +103,13 @@ class Triangle(Frozen):
     valve: Valve = "closed"
 
 
-def _absolute(path: str, info: ValidationInfo) -> str:
-    return os.path.abspath(os.path.join((info.context or {}).get("folder", ""), path))
-
-
 class Table(Frozen):
     """Voltage of all electrodes from a CSV file, linear between its rows.
 
     The file is read once, when the scenario is loaded; `table` is its absolute path from then on.
     """
 
-    table: Annotated[str, AfterValidator(_absolute)] = Field(
+    table: Annotated[str, AfterValidator(absolute)] = Field(
         strict=True, min_length=1, description="the path of a CSV file with columns time,voltage"
     )
     valve: Valve = "closed"
