@@ -186,14 +186,22 @@ def smallest_eigenvalue(diagonal: FloatArray, coupling: FloatArray, arms: FloatA
 
 
 def _elastomer(scenario: Scenario, balloon: Balloon) -> Elastomer:
-    """A balloon's elastomer; one that was made elsewhere is checked first."""
-    elastomer = as_written(balloon.elastomer)
-    if balloon.elastomer.model == "python":
+    """A balloon's elastomer. A curve between rows and an object made elsewhere are checked only here."""
+    key, elastomer = f"balloon.{balloon.name}.elastomer", balloon.elastomer
+    try:
+        made = as_written(elastomer)
+    except ValueError as error:
+        raise _refused(scenario, f"{key}.table", elastomer.law.table, str(error)) from None
+    if elastomer.model == "python":
         from simulator.elastomer.checks import defect
-        from simulator.scenario import Problem, ScenarioError
 
-        found = defect(elastomer)
+        found = defect(made)
         if found is not None:
-            key = f"balloon.{balloon.name}.elastomer"
-            raise ScenarioError(scenario.file, Problem(key, repr(elastomer), found))
-    return elastomer
+            raise _refused(scenario, key, repr(made), found)
+    return made
+
+
+def _refused(scenario: Scenario, key: str, value: str, allowed: str) -> Exception:
+    from simulator.scenario import Problem, ScenarioError
+
+    return ScenarioError(scenario.file, Problem(key, value, allowed))

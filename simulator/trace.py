@@ -37,7 +37,7 @@ STRETCH_MARGIN = 1e-6  # a stretch this close to its limit ends a path
 _STEP_OFF = 1e-6  # scaled arclength at which a path is taken up again beyond a limit point
 _FARTHEST = 1e6  # v over its scale that no path gets to
 _MOST_TURNS = 200
-_ENDLESS = 1e3  # stretch up to which rests of an elastomer without a limit are looked for
+_ENDLESS = 1e3  # stretch up to which an elastomer without a limit is followed, or its rests looked for
 _RTOL = 1e-4
 
 
@@ -69,8 +69,8 @@ def trace(scenario: Scenario, until: Until | None = None) -> Curve:
     scenario : Scenario
         Played through the inflations that it begins with.
     until : Until, optional
-        Where to stop; else where tension is lost, a stretch comes within 1e-6 of its limit, or the path
-        comes back to zero voltage (where it meets its mirror image) or to where it has been.
+        Where to stop; else where tension is lost, a stretch comes within 1e-6 of its limit, to 1000 where
+        the elastomer has none or to the end of its measured curve, or the path comes back to zero voltage (where it meets its mirror image) or to where it has been.
 
     Raises
     ------
@@ -106,14 +106,15 @@ def trace_inflation(scenario: Scenario, balloon: str | None = None, until: Until
     balloon : str, optional
         Name; default the last one (in the paper the passive, reference balloon).
     until : Until, optional
-        Where to stop; default where the stretch comes within 1e-6 of its limit.
+        Where to stop; default where the stretch comes within 1e-6 of its limit, or gets to 1000 where the
+        elastomer has none.
 
     Raises
     ------
     ScenarioError
         If there is no balloon of that name.
     PathError
-        If the path cannot be followed, or never ends (an elastomer without a limit).
+        If the path cannot be followed.
     """
     device = Device.from_scenario(scenario)
     if balloon is not None and balloon not in device.names:
@@ -238,6 +239,8 @@ def _ends(group: Group, start: FloatArray, until: Until) -> Iterator[Condition]:
             yield _stretch_condition(
                 "stretch_limit", place, wall.elastomer.stretch_limit - STRETCH_MARGIN, 1.0
             )
+        elif not np.isfinite(largest_stretch(wall.elastomer)):
+            yield _stretch_condition("unbounded", place, _ENDLESS, 1.0)
     if until.stretch is not None:
         place = next((i for i, m in enumerate(_membranes(group)) if isinstance(m, ElectrodedMembrane)), 0)
         yield _stretch_condition(

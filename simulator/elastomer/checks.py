@@ -73,9 +73,9 @@ def _contradiction(elastomer: Any, stretches: np.ndarray[Any, np.dtype[np.float6
         return f"must stiffen from rest, f′(1) > 0, is {float(np.real(slopes[0][0] / denominator[0])):.3g}"
     force = np.real(tension_force(elastomer, stretches))
     pairs = [
-        ("pole_form = (N, D) must have N/D = energy′", np.imag(elastomer.energy(ahead)) / _STEP, force),
-        ("pole_form_slope must be (N′, D′): N′", np.imag(stepped[0]) / _STEP, slopes[0]),
-        ("pole_form_slope must be (N′, D′): D′", np.imag(stepped[1]) / _STEP, slopes[1]),
+        ("N/D = energy′ in pole_form = (N, D)", np.imag(elastomer.energy(ahead)) / _STEP, force),
+        ("N′ in pole_form_slope = (N′, D′)", np.imag(stepped[0]) / _STEP, slopes[0]),
+        ("D′ in pole_form_slope = (N′, D′)", np.imag(stepped[1]) / _STEP, slopes[1]),
     ]
     for name, exact, found in pairs:
         size = float(np.max(np.abs(exact))) or 1.0
@@ -83,20 +83,14 @@ def _contradiction(elastomer: Any, stretches: np.ndarray[Any, np.dtype[np.float6
         if wrong.any():
             i = int(np.argmax(wrong))
             return (
-                f"{name} by a complex step is {float(exact[i]):.9g} at stretch {stretches[i]:.6g}, "
-                f"the function gives {float(found[i]):.9g}"
+                f"must have {name}: it is {float(exact[i]):.9g} at stretch {stretches[i]:.6g} by a complex "
+                f"step, the function gives {float(found[i]):.9g}"
             )
     for i in (0, 20, 40):
         alone = [part.real for part in elastomer.pole_form(float(stretches[i]))]
         if not np.allclose(alone, [numerator[i], denominator[i]], rtol=1e-12, atol=1e-14):
             return f"must give the same from a float as from an array, stretch {stretches[i]:.6g}"
-    if largest_stretch(elastomer) < math.inf and not np.all(
-        np.isfinite(elastomer.pole_form(top_beyond(elastomer)))
-    ):
+    largest = largest_stretch(elastomer)
+    if largest < math.inf and not np.all(np.isfinite(elastomer.pole_form(1.01 * largest))):
         return "must go on smoothly a little beyond its largest_stretch, where a solver looks"
     return None
-
-
-def top_beyond(elastomer: Any) -> float:
-    """A stretch a little beyond the largest that an elastomer is known at."""
-    return largest_stretch(elastomer) * 1.01

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
@@ -151,7 +152,7 @@ class Tabulated(_Law):
     @property
     def words(self) -> str:
         """The elastomer in plain words."""
-        return f"tabulated, {self.stretches.size} rows up to stretch {self.stretches[-1]:g}"
+        return f"tabulated in {os.path.basename(self.table)}, {self.stretches.size} rows up to stretch {self.stretches[-1]:g}"
 
 
 class Python(_Law):

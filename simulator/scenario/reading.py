@@ -47,7 +47,7 @@ def read_table(path: str) -> bytes:
 
 def read_curve(path: str) -> bytes:
     """Stretches, then f(λ), as float64, from stretches and either pressures p = f/λ² or stresses f/2."""
-    name, rows, columns = _two_columns(path, (("stretch", "pressure"), ("stretch", "stress")), 4)
+    name, rows, columns = _two_columns(path, (("stretch", "pressure"), ("stretch", "stress")), 6)
     stretches, values = columns
     starts = np.arange(stretches.size) == 0
     _refuse(
@@ -77,7 +77,7 @@ def _two_columns(
         found = f"has {short(rows[0][1])}" if rows else "is empty"
         raise ValueError(f"must have the header {' or '.join(map(','.join, headers))}, {found}")
     if len(rows := rows[1:]) < fewest:
-        count = {2: "two", 4: "four"}[fewest]
+        count = {2: "two", 6: "six"}[fewest]
         raise ValueError(f"must have at least {count} rows below the header, has {len(rows)}")
     columns = np.array([_two_numbers(row) for _, row in rows]).T
     return names[1], rows, np.array(columns if header[0] == names[0] else columns[::-1])
