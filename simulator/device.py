@@ -191,7 +191,7 @@ def _elastomer(scenario: Scenario, balloon: Balloon) -> Elastomer:
     try:
         made = as_written(elastomer)
     except ValueError as error:
-        raise _refused(scenario, f"{key}.table", elastomer.law.table, str(error)) from None
+        raise _refused(scenario, key, elastomer.words, str(error)) from None
     if elastomer.model == "python":
         from simulator.elastomer.checks import defect
 

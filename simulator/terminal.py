@@ -145,7 +145,9 @@ def list_presets(presets: Mapping[str, tuple[str, Material]]) -> None:
     table.add_column("ε / ε₀", justify="right", no_wrap=True)
     table.add_column("source", ratio=1)
     for name, (words, material) in presets.items():
-        numbers = [f"{x:.4g}" if x is not None else "" for x in (material.shear_modulus, material.permittivity)]
+        numbers = [
+            f"{x:.4g}" if x is not None else "" for x in (material.shear_modulus, material.permittivity)
+        ]
         table.add_row(name, words, *numbers, f"{material.source}. Fitted to {material.fitted_to}.")
     Console().print(table)
 

@@ -70,7 +70,8 @@ def trace(scenario: Scenario, until: Until | None = None) -> Curve:
         Played through the inflations that it begins with.
     until : Until, optional
         Where to stop; else where tension is lost, a stretch comes within 1e-6 of its limit, to 1000 where
-        the elastomer has none or to the end of its measured curve, or the path comes back to zero voltage (where it meets its mirror image) or to where it has been.
+        the elastomer has none or to the end of its measured curve, or the path comes back to zero voltage
+        (where it meets its mirror image) or to where it has been.
 
     Raises
     ------
@@ -231,7 +232,8 @@ def _traced(title: str, device: Device, group: Group, start: FloatArray, until: 
 
 def _ends(group: Group, start: FloatArray, until: Until) -> Iterator[Condition]:
     """What ends a path besides zero voltage: slack membranes, a stretch at its limit, a stretch asked for, or
-    the end of a measured curve."""
+    the end of a measured curve.
+    """
     ending = ("loss_of_tension", "out_of_range")
     yield from (condition for condition in group.conditions if condition.kind in ending)
     for place, wall in enumerate(group.equations.walls):

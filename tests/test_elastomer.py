@@ -216,7 +216,9 @@ def test_a_table_of_gent_gives_gents_limit_points():
     """Errors fall as h⁵ in the stretch and h⁶ in the pressure, or better."""
     for low, high in ((1.2, 1.8), (2.4, 3.6)):
         exact = np.array(turning(Gent(50.0), low, high))
-        errors = np.abs([np.array(turning(sampled(Gent(50.0), 4.5, n), low, high)) - exact for n in (41, 161)])
+        errors = np.abs(
+            [np.array(turning(sampled(Gent(50.0), 4.5, n), low, high)) - exact for n in (41, 161)]
+        )
         orders = np.log(errors[0] / errors[1]) / np.log(4.0)
         assert orders[0] > 3.0  # the coarser table is not yet in the range of its order
         assert orders[1] > 5.0
@@ -302,7 +304,7 @@ class Yeoh:
     ("wrong", "message"),
     [
         ("", None),
-        ("energy", "must have N/D = energy′ in pole_form = (N, D): it is 0.93"),
+        ("energy", "must have N/D = energy′ in pole_form = (N, D): it is "),
         ("rest", "must have f(1) = 0, is 0.1"),
         ("slope", "must have N′ in pole_form_slope = (N′, D′): it is"),
         ("D", "must have D′ in pole_form_slope = (N′, D′): it is 0 at stretch 1 by a complex step"),

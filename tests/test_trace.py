@@ -243,7 +243,11 @@ def test_an_elastomer_without_a_limit_is_followed_far():
         ({"model": "neo-hookean"}, 1.0, [(7 ** (1 / 6), 1.239463)]),
         # Pressures in Pa: c₁ = 3e5, c₂ = 3e4, H/R = 0.01, so that μH/R = 6600.
         ({"model": "mooney-rivlin", "C1": 3e5, "C2": 3e4}, 6600.0, [(1.47607, 8943.7), (3.14262, 7581.7)]),
-        ({"model": "ogden", "mu": [3e5, -3e4], "alpha": [2, -2]}, 6600.0, [(1.47607, 8943.7), (3.14262, 7581.7)]),
+        (
+            {"model": "ogden", "mu": [3e5, -3e4], "alpha": [2, -2]},
+            6600.0,
+            [(1.47607, 8943.7), (3.14262, 7581.7)],
+        ),
         ({"model": "gent", "J_lim": 50}, 1.0, [(1.41440, 1.269166), (2.96438, 0.951209)]),
     ],
     ids=["neo-hookean", "mooney-rivlin", "ogden", "gent"],

@@ -21,9 +21,9 @@ class Tabulated:
     """Elastomer whose f(λ) is the quintic spline through a table, known up to the table's last stretch.
 
     The spline (not-a-knot) has four continuous derivatives: a history's path and its work integrals do not
-    notice the rows, as they do those of a cubic one. Where the table samples a smooth law at distances h, f is
-    right to O(h⁶), and the limit points of a balloon to O(h⁵) in the stretch and O(h⁶) in the pressure. It
-    passes through every row: noise of a measurement is to be smoothed before.
+    notice the rows, as they do those of a cubic one. Where the table samples a smooth law at distances h, f
+    is right to O(h⁶), and the limit points of a balloon to O(h⁵) in the stretch and O(h⁶) in the pressure.
+    It passes through every row: noise of a measurement is to be smoothed before.
     Beyond the last row (and below λ = 1) f goes on straight, only so that a solver may look there: a history
     ends at the last row.
 
@@ -94,7 +94,7 @@ class Tabulated:
         )
         pieces = np.vstack([below, inner, beyond])
         pieces[0, 1], pieces[1, 1:3] = 0.0, 0.0  # exactly 0 at λ = 1, whatever the spline's rounding
-        return [tuple(row) for row in pieces.tolist()], pieces.T, starts.tolist() + [float(x[-1])]
+        return [tuple(row) for row in pieces.tolist()], pieces.T, [*starts.tolist(), float(x[-1])]
 
     @cached_property
     def largest_stretch(self) -> float:

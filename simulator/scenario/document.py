@@ -16,7 +16,6 @@ from simulator.scenario.fields import Float, Frozen, Int, Positive, Text, not_em
 from simulator.scenario.reading import read_toml
 from simulator.scenario.steps import PlayedStep, Step, unrolled
 
-
 _ELASTOMER: TypeAdapter[Any] = TypeAdapter(Elastomer)
 
 
@@ -118,7 +117,7 @@ class Scenario(Frozen):
     def to_dict(self) -> dict[str, Any]:
         """The scenario in the grammar of the file, defaults left out; tables by their absolute path.
 
-        `load_scenario(scenario.to_dict()) == scenario`, but for elastomers made in Python, which are only named.
+        `load_scenario(scenario.to_dict()) == scenario`, but for elastomers made in Python, only named there.
         """
         return self.model_dump(mode="json", by_alias=True, exclude_unset=True)
 

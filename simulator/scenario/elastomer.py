@@ -152,7 +152,8 @@ class Tabulated(_Law):
     @property
     def words(self) -> str:
         """The elastomer in plain words."""
-        return f"tabulated in {os.path.basename(self.table)}, {self.stretches.size} rows up to stretch {self.stretches[-1]:g}"
+        rows, last = self.stretches.size, self.stretches[-1]
+        return f"tabulated in {os.path.basename(self.table)}, {rows} rows up to stretch {last:g}"
 
 
 class Python(_Law):

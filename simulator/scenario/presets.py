@@ -43,7 +43,7 @@ PRESETS: Mapping[str, Material] = MappingProxyType(
             citation="Wang et al. 2016",
             source="S. Wang, M. Decker, D. L. Henann and S. A. Chester, J. Mech. Phys. Solids 95 (2016) "
             "213–229; permittivity as E. M. Stewart and L. Anand (2023) take it",
-            fitted_to="3M VHB 4910, slowly loaded: the equilibrium network without the viscous ones beside it",
+            fitted_to="3M VHB 4910, slowly loaded: its equilibrium network, without the viscous ones",
             # nkT λ_L β₀/3 with the source's nkT = 15.36 kPa.
             shear_modulus=1.5624e4,
             permittivity=4.8,
