@@ -106,6 +106,7 @@ def test_nothing_plausible_comes_of_a_negative_stretch(elastomer):
     assert isinstance(numerator, float)
     if isinstance(elastomer, Ogden):
         assert math.isnan(numerator)
+        assert math.isnan(elastomer.pole_form_slope(-0.5)[0])
 
 
 @pytest.mark.parametrize(("J_lim", "limit"), [(100.0, 7.1763369123), (1e-3, None), (1.0, None), (1e6, None)])

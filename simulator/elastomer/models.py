@@ -202,6 +202,6 @@ def _log(stretch: Number) -> Number:
 
 def _exp(power: Number) -> Number:
     if isinstance(power, float):
-        return math.exp(power) if power < 700.0 else math.inf
+        return math.inf if power > 700.0 else math.exp(power)
     with np.errstate(over="ignore"):
         return np.exp(power)

@@ -21,7 +21,7 @@ from simulator.scenario.fields import (
     not_empty,
     refused,
 )
-from simulator.scenario.presets import PRESETS
+from simulator.scenario.presets import PRESETS, Material
 from simulator.scenario.reading import read_curve
 
 
@@ -180,11 +180,15 @@ class Preset(Frozen):
     @property
     def law(self) -> Gent | NeoHookean | MooneyRivlin | Ogden | ArrudaBoyce:
         """The model that the preset stands for."""
-        found = _MODELS[PRESETS[self.preset].elastomer["model"]].model_validate(
-            PRESETS[self.preset].elastomer
-        )
+        written = self.material.elastomer
+        found = _MODELS[written["model"]].model_validate(written)
         assert not isinstance(found, Tabulated)
         return found
+
+    @property
+    def material(self) -> Material:
+        """Where the constants are from, and the material's modulus and permittivity."""
+        return PRESETS[self.preset]
 
     @property
     def model(self) -> str:
@@ -194,7 +198,7 @@ class Preset(Frozen):
     @property
     def words(self) -> str:
         """The elastomer in plain words."""
-        return f"{self.preset} ({self.law.words}; {PRESETS[self.preset].citation})"
+        return f"{self.preset} ({self.law.words}; {self.material.citation})"
 
 
 AnyLaw = Gent | NeoHookean | MooneyRivlin | Ogden | ArrudaBoyce | Tabulated
