@@ -18,6 +18,8 @@ from simulator.model import ElectrodedMembrane, Equations, OpenBalloon, SealedBa
 
 FloatArray = NDArray[np.float64]
 
+ENDLESS = 1e3  # stretch that counts as without end
+
 
 @dataclass(frozen=True)
 class Condition:
@@ -50,6 +52,8 @@ def conditions(
     for place, wall in enumerate(equations.walls):
         if (largest := largest_stretch(wall.elastomer)) < math.inf:
             found.append(validity(place, largest))
+        elif math.isinf(wall.elastomer.stretch_limit):
+            found.append(boundedness(place))
     return tuple(found)
 
 
@@ -112,6 +116,12 @@ def validity(place: int, largest: float) -> Condition:
         return out
 
     return Condition("out_of_range", lambda y: largest - y[place], slope)
+
+
+def boundedness(place: int) -> Condition:
+    """How far a stretch is from 1000: a wall that never stiffens may grow without end at a finite drive."""
+    reached = validity(place, ENDLESS)
+    return Condition("runaway", reached.margin, reached.slope)
 
 
 _STEP = 1e-30

@@ -22,7 +22,7 @@ from simulator.device import Device
 from simulator.drive import VoltageLine
 from simulator.elastomer import Number, largest_stretch
 from simulator.equilibrium import NotConverged
-from simulator.events import Condition, eigenvalues, singularity
+from simulator.events import ENDLESS, Condition, eigenvalues, singularity
 from simulator.model import ElectrodedMembrane, OpenBalloon, SealedBalloons, State
 from simulator.path import Effort, PathError
 from simulator.scenario import Inflate, Problem, ScenarioError
@@ -37,7 +37,6 @@ STRETCH_MARGIN = 1e-6  # a stretch this close to its limit ends a path
 _STEP_OFF = 1e-6  # scaled arclength at which a path is taken up again beyond a limit point
 _FARTHEST = 1e6  # v over its scale that no path gets to
 _MOST_TURNS = 200
-_ENDLESS = 1e3  # stretch up to which an elastomer without a limit is followed, or its rests looked for
 _RTOL = 1e-4
 
 
@@ -188,7 +187,7 @@ def _monotone_parts(device: Device, balloon: int) -> list[tuple[FloatArray, Floa
     """Stretches and pressures, pressures rising, along each monotone part of a balloon's inflation curve."""
     wall = device.walls[balloon]
     limit = min(wall.elastomer.stretch_limit, largest_stretch(wall.elastomer))
-    top = limit * (1.0 - 1e-9) if np.isfinite(limit) else _ENDLESS
+    top = limit * (1.0 - 1e-9) if np.isfinite(limit) else ENDLESS
     stretches = np.concatenate(
         [np.geomspace(1.0, 0.99 * top, 4000), top - np.geomspace(0.01 * top, 1e-9 * top, 400)[1:]]
     )
@@ -216,7 +215,8 @@ def _traced(title: str, device: Device, group: Group, start: FloatArray, until: 
         segment = path.follow(equations, (*turns, *ends), state, target, _RTOL, effort)
         pieces.append(_Piece(segment.states, segment.dense, segment.speeds, unstable))
         state = segment.states[:, -1]
-        kind = segment.end or ("reached" if target == until.v else "zero_voltage")
+        end = "unbounded" if rising else "zero_voltage"
+        kind = segment.end or ("reached" if target == until.v else end)
         if kind == "limit_point" and not equilibrium.is_fold(equations, state):
             kind = "branch_point"
         been = any(k == kind and np.abs(s - state).max() < 1e-8 for k, _, s in found)
@@ -242,7 +242,7 @@ def _ends(group: Group, start: FloatArray, until: Until) -> Iterator[Condition]:
                 "stretch_limit", place, wall.elastomer.stretch_limit - STRETCH_MARGIN, 1.0
             )
         elif not np.isfinite(largest_stretch(wall.elastomer)):
-            yield _stretch_condition("unbounded", place, _ENDLESS, 1.0)
+            yield _stretch_condition("unbounded", place, ENDLESS, 1.0)
     if until.stretch is not None:
         place = next((i for i, m in enumerate(_membranes(group)) if isinstance(m, ElectrodedMembrane)), 0)
         yield _stretch_condition(

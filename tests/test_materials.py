@@ -356,3 +356,30 @@ def test_objects_go_into_run_json_by_name_only():
     assert written["balloon"][0]["elastomer"] == {"model": "python", "elastomer": repr(Yeoh())}
     with pytest.raises(ScenarioError, match=r'elastomer\.model = "python": must be "gent", '):
         load_scenario(written)
+
+
+# -- elastomers without a limit --------------------------------------------------------------------------
+
+
+def test_growth_without_end_at_a_finite_voltage():
+    """Valve open, C₂ = ½: f/λ³ falls to 2C₂ = 1 for large stretches, and with 2φ² the equilibrium runs off."""
+    elastomer = {"model": "mooney-rivlin", "C1": 1.0, "C2": 1.0}
+    history = run(single({"inflate": 0.5}, {"ramp": 1.0, "valve": "open"}, elastomer=elastomer))
+    assert (history.outcome, kinds(history)[-1]) == ("runaway", "runaway")
+    event = history.events[-1]
+    assert event.stretch_before[0] == pytest.approx(1e3, rel=1e-12)
+    # f = pλ² + 2φ²λ³ with f → λ³ + λ, but for λ⁻³.
+    assert 2.0 * event.voltage[0] ** 2 == pytest.approx(1.0 - 0.5e-3 + 1e-6, rel=1e-9)
+    assert history.energy_balance.relative_imbalance < 1e-8
+    assert "runaway" in explain(history.scenario)
+
+
+def test_ogden_terms_with_small_exponents_keep_their_digits():
+    # α → 0: f → 2·6/… of (ln λ)/λ, here against 40 digits.
+    import mpmath
+
+    alpha, stretch = 1e-3, 1.01
+    with mpmath.workdps(40):
+        x, a = mpmath.mpf(stretch), mpmath.mpf(alpha)
+        exact = 4 / a * (x ** (a - 1) - x ** (-2 * a - 1))
+    assert tension_force(Ogden((1.0,), (alpha,)), stretch) == pytest.approx(float(exact), rel=1e-14)

@@ -173,14 +173,14 @@ class Ogden:
         log = _log(stretch)
         out: Number = 0.0
         for mu, alpha in self._terms:
-            out = out + mu / alpha * (2.0 * _exp(alpha * log) + _exp(-2.0 * alpha * log) - 3.0)
+            out = out + mu / alpha * (2.0 * _expm1(alpha * log) + _expm1(-2.0 * alpha * log))
         return out
 
     def pole_form(self, stretch: Number) -> tuple[Number, Number]:
         log = _log(stretch)
         out: Number = 0.0
         for mu, alpha in self._terms:
-            out = out + mu * (_exp(alpha * log) - _exp(-2.0 * alpha * log))
+            out = out + mu * _difference(alpha * log)
         return 2.0 * out / stretch, 1.0
 
     def pole_form_slope(self, stretch: Number) -> tuple[Number, Number]:
@@ -198,6 +198,23 @@ def _log(stretch: Number) -> Number:
         return math.log(stretch) if stretch > 0.0 else math.nan
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.log(stretch)
+
+
+def _difference(power: Number) -> Number:
+    """e^a − e^(−2a); without cancellation where both are near one."""
+    if isinstance(power, float) and abs(power) > 0.3:
+        return _exp(power) - _exp(-2.0 * power)
+    near = _exp(-2.0 * power) * _expm1(3.0 * power)
+    if isinstance(power, float):
+        return near
+    return np.where(np.abs(np.real(power)) > 0.3, _exp(power) - _exp(-2.0 * power), near)
+
+
+def _expm1(power: Number) -> Number:
+    if isinstance(power, float):
+        return math.inf if power > 700.0 else math.expm1(power)
+    with np.errstate(over="ignore"):
+        return np.expm1(power)
 
 
 def _exp(power: Number) -> Number:
