@@ -362,7 +362,7 @@ def test_objects_go_into_run_json_by_name_only():
 
 
 def test_growth_without_end_at_a_finite_voltage():
-    """Valve open, C₂ = ½: f/λ³ falls to 2C₂ = 1 for large stretches, and with 2φ² the equilibrium runs off."""
+    """Valve open, C₂ = ½: f/λ³ falls to 2C₂ = 1 for large stretches; as 2φ² nears it λ runs off."""
     elastomer = {"model": "mooney-rivlin", "C1": 1.0, "C2": 1.0}
     history = run(single({"inflate": 0.5}, {"ramp": 1.0, "valve": "open"}, elastomer=elastomer))
     assert (history.outcome, kinds(history)[-1]) == ("runaway", "runaway")
@@ -375,7 +375,7 @@ def test_growth_without_end_at_a_finite_voltage():
 
 
 def test_ogden_terms_with_small_exponents_keep_their_digits():
-    # α → 0: f → 2·6/… of (ln λ)/λ, here against 40 digits.
+    # The two powers of a term are nearly equal; against 40 digits.
     import mpmath
 
     alpha, stretch = 1e-3, 1.01
