@@ -93,10 +93,9 @@ def _lines(scenario: Scenario) -> Iterator[str]:
         yield ""
     yield "Balloons"
     for balloon in scenario.balloons:
-        elastomer = ", ".join(f"{key} = {value}" for key, value in balloon.elastomer.model_dump().items())
         sizes = f"r = {balloon.radius:g}, h = {balloon.thickness:g}, k = {balloon.modulus:g}"
         electrodes = f", electrodes, e = {balloon.permittivity:g}" if balloon.electrodes else ""
-        yield f"  {balloon.name}: {sizes}{electrodes}; {elastomer}"
+        yield f"  {balloon.name}: {sizes}{electrodes}; {balloon.elastomer.words}"
     yield ""
     yield "Steps"
     was_open = False

@@ -247,6 +247,7 @@ def run_record(history: History, failure: str | None = None) -> dict[str, Any]:
             "events": len(history.events),
             "events_by_kind": dict(Counter(event.kind.value for event in history.events)),
         },
+        "elastomers": history.elastomers,
         "energy_balance": {**asdict(balance), "relative_imbalance": balance.relative_imbalance},
         "statistics": asdict(history.statistics),
         "scenario": scenario.to_dict(),

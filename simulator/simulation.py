@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-_ENDS = ("loss_of_tension", "breakdown", "runaway")
+_ENDS = ("loss_of_tension", "breakdown", "runaway", "out_of_range")
 _SAME_INSTANT = 1e-12  # fractions of a step closer than this are one
 
 

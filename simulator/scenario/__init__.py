@@ -6,9 +6,21 @@ in its `description` what it allows; the messages are made from these, so the tw
 """
 
 from simulator.scenario.checks import MAX_SAMPLES
-from simulator.scenario.device import Balloon, Breakdown, Elastomer, Gas, Gent, NeoHookean
+from simulator.scenario.device import Balloon, Breakdown, Gas
 from simulator.scenario.document import Output, Scenario, Solver, load_scenario
+from simulator.scenario.elastomer import (
+    ArrudaBoyce,
+    Elastomer,
+    Gent,
+    MooneyRivlin,
+    NeoHookean,
+    Ogden,
+    Preset,
+    Python,
+    Tabulated,
+)
 from simulator.scenario.errors import Problem, ScenarioError
+from simulator.scenario.presets import PRESETS
 from simulator.scenario.scales import Reference, dimension_of, dimensionless
 from simulator.scenario.steps import (
     Charge,
@@ -29,6 +41,8 @@ from simulator.scenario.steps import (
 
 __all__ = [
     "MAX_SAMPLES",
+    "PRESETS",
+    "ArrudaBoyce",
     "Balloon",
     "Breakdown",
     "Charge",
@@ -39,10 +53,14 @@ __all__ = [
     "Hold",
     "Inflate",
     "Jump",
+    "MooneyRivlin",
     "NeoHookean",
+    "Ogden",
     "Output",
     "PlayedStep",
+    "Preset",
     "Problem",
+    "Python",
     "Ramp",
     "Reference",
     "Scenario",
@@ -52,6 +70,7 @@ __all__ = [
     "Solver",
     "Step",
     "Table",
+    "Tabulated",
     "Triangle",
     "TriangleWave",
     "dimension_of",

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import Field, ValidationInfo
+from pydantic import Field
 
+from simulator.scenario.elastomer import Elastomer
 from simulator.scenario.fields import (
-    Chosen,
     ElectricField,
     Float,
     Frozen,
     Modulus,
     Permittivity,
-    Positive,
     Pressure,
     Radius,
     Thickness,
     Volume,
-    refused,
 )
 
 
@@ -36,33 +34,6 @@ class Gas(Frozen):
         Field(description='"isothermal", "adiabatic" or "liquid"'),
     ] = "isothermal"
     exponent: Annotated[Float, Field(gt=1, description="a number > 1")] = 1.4
-
-
-class Gent(Frozen):
-    """Gent elastomer with the stretch limit `J_lim`."""
-
-    model: Literal["gent"]
-    J_lim: Positive
-
-
-class NeoHookean(Frozen):
-    """Neo-Hookean elastomer."""
-
-    model: Literal["neo-hookean"]
-
-
-def _elastomer(value: Any, _: ValidationInfo) -> Gent | NeoHookean:
-    match value:
-        case {"model": "gent"}:
-            return Gent.model_validate(value)
-        case {"model": "neo-hookean"}:
-            return NeoHookean.model_validate(value)
-        case {"model": model}:
-            raise refused('must be "gent" or "neo-hookean"', model, "model")
-    raise refused('must be a table such as { model = "gent", J_lim = 100 }', value)
-
-
-Elastomer = Annotated[Gent | NeoHookean, Chosen(_elastomer), Field(description="a table with the model")]
 
 
 class Breakdown(Frozen):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Self
@@ -103,6 +104,11 @@ def not_empty(items: Any) -> Any:
     if not items:
         raise PydanticCustomError("empty", "empty")
     return items
+
+
+def absolute(path: str, info: ValidationInfo) -> str:
+    """A path of the file as an absolute one: it starts at the folder of the file."""
+    return os.path.abspath(os.path.join((info.context or {}).get("folder", ""), path))
 
 
 @dataclass(frozen=True)
