@@ -73,7 +73,12 @@ def actuated(device: Device, line: VoltageLine, *, amount: float) -> list[Group]
     """Valve closed: all balloons on their gas, if any voltage moves."""
     if not any(line.rate):
         return []
-    return [_group(device, device.sealed(amount, line), range(len(device.names)))]
+    return [held_closed(device, line, amount=amount)]
+
+
+def held_closed(device: Device, line: VoltageLine, *, amount: float) -> Group:
+    """Valve closed: all balloons on their gas, whether a voltage moves or not."""
+    return _group(device, device.sealed(amount, line), range(len(device.names)))
 
 
 def actuated_open(device: Device, line: VoltageLine, *, pressure: float) -> list[Group]:
@@ -85,9 +90,8 @@ def actuated_open(device: Device, line: VoltageLine, *, pressure: float) -> list
     ]
 
 
-def held_open(device: Device, voltage: Sequence[float], *, pressure: float) -> list[Group]:
-    """Valve just opened, nothing moving: every balloon by itself."""
-    line = VoltageLine(tuple(voltage), (0.0,) * len(voltage))
+def held_open(device: Device, line: VoltageLine, *, pressure: float) -> list[Group]:
+    """Valve open: every balloon by itself, whether its voltage moves or not."""
     return [_group(device, device.actuated(i, pressure, line), [i]) for i in range(len(device.names))]
 
 

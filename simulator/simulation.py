@@ -63,7 +63,7 @@ def simulate(scenario: Scenario, *, progress: Callable[[float], None] | None = N
     SolverError
         If the solver failed; with the history up to there.
     """
-    run = _Run(scenario)
+    run = _Run(scenario) if scenario.dynamics is None else _creeping(scenario)
     total = sum(1 for _ in scenario.played_steps()) if progress else 0
     number = 0
     try:
@@ -82,6 +82,13 @@ def simulate(scenario: Scenario, *, progress: Callable[[float], None] | None = N
             run.history(),
         ) from failure
     return run.history()
+
+
+def _creeping(scenario: Scenario) -> _Run:
+    """A run in real time; its room is entered by those who ask for it."""
+    from simulator.creeping import CreepingRun
+
+    return CreepingRun(scenario)
 
 
 def _leading(fractions: FloatArray, waveform: Waveform, branches: Sequence[Branch | None]) -> int:
@@ -163,9 +170,11 @@ class _Run:
         """What moves with the voltages along a line, as the valve stands."""
         if self.is_open:
             return assembly.actuated_open(self.device, line, pressure=self.pressure)
+        return assembly.actuated(self.device, line, amount=self._sealed_amount())
+
+    def _sealed_amount(self) -> float:
         # Sealed at no pressure in a vacuum there is no gas; tension is lost before its law is ever used.
-        amount = self.amount if self.amount > 0.0 else float(np.finfo(float).tiny)
-        return assembly.actuated(self.device, line, amount=amount)
+        return self.amount if self.amount > 0.0 else float(np.finfo(float).tiny)
 
     def _state(self, group: Group, v: float) -> FloatArray:
         """The present state as a group's unknowns, at drive coordinate v."""
@@ -180,7 +189,7 @@ class _Run:
         line = VoltageLine(tuple(self.voltage.tolist()), (0.0,) * self.voltage.size)
         turns: dict[int, Turn] = {}
         groups: list[Group] = []
-        for group in assembly.held_open(self.device, self.voltage.tolist(), pressure=self.pressure):
+        for group in assembly.held_open(self.device, line, pressure=self.pressure):
             state = self._state(group, 0.0)
             if group.conditions[0].margin(state.tolist()) >= 0.0:
                 continue
@@ -209,13 +218,16 @@ class _Run:
         for place, group in enumerate(groups):
             start = self._state(group, new)
             turns[place] = self.atlas.settle(group, "jump", start, start)
-        # At frozen stretches all of the supplies' work is stored: ∫φ dq at constant capacitance.
-        unit = self.device.charge(self.stretch[None], np.ones((1, target.size)))[0]
-        work = 0.5 * float(unit @ (target**2 - self.voltage**2))
+        self._charge(target)
+        self._turn(groups, across, turns, [self._state(g, new) for g in groups])
+
+    def _charge(self, voltage: FloatArray) -> None:
+        """Change the voltages at frozen stretches: all of the supplies' work, ∫φ dq, is stored."""
+        unit = self.device.charge(self.stretch[None], np.ones((1, voltage.size)))[0]
+        work = 0.5 * float(unit @ (voltage**2 - self.voltage**2))
         self.electrical_work += work
         self.stored += work
-        self.voltage = target
-        self._turn(groups, across, turns, [self._state(g, new) for g in groups])
+        self.voltage = voltage
 
     # -- what moves ----------------------------------------------------------------------------------
 

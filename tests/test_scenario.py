@@ -72,7 +72,7 @@ GENT, RAMP, HOLD, POINTS = 'model = "gent", J_lim = 100', "ramp = 0.2\nover = 10
 KINDS = "inflate, ramp, hold, jump, sine, triangle, table, cycle"
 VOLTAGE = "a number, or a table of one or more numbers by balloon name"
 A_NAME = "a name of letters, digits and _, no digit first"
-TOP = "title, source, gas, balloon, step, output, solver"
+TOP = "title, source, gas, balloon, step, dynamics, output, solver"
 TOO_MANY = "must ask for at most 10,000,000 samples over the whole scenario"
 
 

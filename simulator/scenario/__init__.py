@@ -6,8 +6,8 @@ in its `description` what it allows; the messages are made from these, so the tw
 """
 
 from simulator.scenario.checks import MAX_SAMPLES
-from simulator.scenario.device import Balloon, Breakdown, Elastomer, Gas, Gent, NeoHookean
-from simulator.scenario.document import Output, Scenario, Solver, load_scenario
+from simulator.scenario.device import Balloon, Breakdown, Elastomer, Gas, Gent, Maxwell, NeoHookean
+from simulator.scenario.document import Dynamics, Output, Scenario, Solver, load_scenario
 from simulator.scenario.errors import Problem, ScenarioError
 from simulator.scenario.steps import (
     Cycle,
@@ -30,12 +30,14 @@ __all__ = [
     "Balloon",
     "Breakdown",
     "Cycle",
+    "Dynamics",
     "Elastomer",
     "Gas",
     "Gent",
     "Hold",
     "Inflate",
     "Jump",
+    "Maxwell",
     "NeoHookean",
     "Output",
     "PlayedStep",

@@ -48,6 +48,13 @@ class Breakdown(Frozen):
     field: Positive
 
 
+class Maxwell(Frozen):
+    """A spring (`modulus`) in series with a dashpot, beside the elastomer: relaxes in the time `time`."""
+
+    modulus: Positive
+    time: Positive
+
+
 class Balloon(Frozen):
     """One balloon; its numbers are ratios to the reference balloon."""
 
@@ -66,4 +73,7 @@ class Balloon(Frozen):
     permittivity: Positive = 1.0
     electrodes: Annotated[bool, Field(strict=True, description="true or false")] = False
     breakdown: Annotated[Breakdown | None, Field(description="a table such as { field = 12 }")] = None
+    maxwell: Annotated[Maxwell | None, Field(description="a table such as { modulus = 0.5, time = 10 }")] = (
+        None
+    )
     elastomer: Elastomer

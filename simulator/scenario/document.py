@@ -6,12 +6,12 @@ import os
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field, PrivateAttr, ValidationError
+from pydantic import AfterValidator, Field, PrivateAttr, TypeAdapter, ValidationError, ValidationInfo
 
 from simulator.scenario.checks import disagreements
 from simulator.scenario.device import Balloon, Gas
 from simulator.scenario.errors import Problem, ScenarioError
-from simulator.scenario.fields import Float, Frozen, Int, Positive, Text, not_empty
+from simulator.scenario.fields import Chosen, Float, Frozen, Int, Positive, Text, not_empty
 from simulator.scenario.reading import read_toml
 from simulator.scenario.steps import PlayedStep, Step, unrolled
 
@@ -21,6 +21,28 @@ class Output(Frozen):
 
     points: Annotated[Int, Field(ge=2, description="a whole number >= 2")] = 101
     every: Annotated[Positive | None, Field(description="a number > 0")] = None
+
+
+def _relaxation_time(value: Any, _: ValidationInfo) -> float | dict[str, float]:
+    return (_TIMES if isinstance(value, Mapping) else _TIME).validate_python(value)
+
+
+_TIME: TypeAdapter[float] = TypeAdapter(Positive)
+_TIMES: TypeAdapter[dict[str, float]] = TypeAdapter(Annotated[dict[str, Positive], AfterValidator(not_empty)])
+
+
+class Dynamics(Frozen):
+    """Balloons that take their time: τ dλ/dt = −g with the relaxation time τ, for all or by balloon name."""
+
+    relaxation_time: Annotated[
+        float | dict[str, float],
+        Chosen(_relaxation_time),
+        Field(description="a number > 0, or a table with one for every balloon by name"),
+    ]
+
+    def relaxation_of(self, name: str) -> float:
+        """The relaxation time of a balloon."""
+        return self.relaxation_time[name] if isinstance(self.relaxation_time, dict) else self.relaxation_time
 
 
 class Solver(Frozen):
@@ -44,6 +66,7 @@ class Scenario(Frozen):
     steps: Annotated[tuple[Step, ...], AfterValidator(not_empty)] = Field(
         alias="step", description="one or more [[step]] tables"
     )
+    dynamics: Annotated[Dynamics | None, Field(description="a table with relaxation_time")] = None
     output: Annotated[Output, Field(description="a table with points or every")] = Output()
     solver: Annotated[Solver, Field(description="a table with rtol")] = Solver()
     _file: str = PrivateAttr(default="<dict>")
