@@ -13,7 +13,7 @@ Work and dissipation are integrated beside the stretches, so the books tell how 
 
 References
 ----------
-C. C. Foo, S. Cai, S. J. A. Koh, S. Bauer, Z. Suo, J. Appl. Phys. 111 (2012) 034102, for the branch and its law.
+C. C. Foo, S. Cai, S. J. A. Koh, S. Bauer, Z. Suo, J. Appl. Phys. 111 (2012) 034102: the branch and its law.
 """
 
 from __future__ import annotations
