@@ -121,7 +121,7 @@ def actuated_open(device: Device, line: VoltageLine, *, pressure: float) -> list
 
 
 def held_open(device: Device, line: VoltageLine, *, pressure: float) -> list[Group]:
-    """Valve just opened, nothing moving: every balloon by itself."""
+    """Valve open: every balloon by itself, whether its voltage moves or not."""
     return [_group(device, device.actuated(i, pressure, line), [i]) for i in range(len(device.names))]
 
 

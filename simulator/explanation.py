@@ -68,11 +68,21 @@ def assembled(scenario: Scenario) -> Iterator[Assembled]:
         line, waveform = assembly.motion(step, scenario.electroded, source, pressure)
         if isinstance(step, Inflate):
             groups = assembly.inflating(device, line)
+        elif scenario.dynamics is not None:
+            groups = (
+                assembly.held_open(device, line, pressure=pressure)
+                if step.valve == "open"
+                else [assembly.held(device, line, gas=some_gas)]
+            )
         elif step.valve == "open":
             groups = assembly.actuated_open(device, line, pressure=pressure)
         else:
             groups = assembly.actuated(device, line, gas=some_gas)
-        moves = isinstance(step, Jump) or bool((waveform.values != waveform.values[0]).any())
+        moves = (
+            scenario.dynamics is not None
+            or isinstance(step, Jump)
+            or bool((waveform.values != waveform.values[0]).any())
+        )
         yield Assembled(step, line, waveform, groups if moves else [], source.voltage)
         if isinstance(step, Inflate):
             pressure = step.inflate
@@ -106,7 +116,7 @@ def _lines(scenario: Scenario) -> Iterator[str]:
             yield f"  … and {total - _MOST_STEPS} more steps"
             break
         opens = isinstance(step, Inflate) or step.valve == "open"
-        yield from _step(number, step, waveform.fractions.size - 1, groups, device)
+        yield from _step(number, step, waveform.fractions.size - 1, groups, device, scenario)
         first = line.at(float(waveform.values[0])).tolist()
         if not isinstance(step, Inflate | Hold | Jump | Ramp | Charge) and first != before:
             yield f"     begins by a jump of the voltage to {waveform.values[0]:g}, as a jump step does"
@@ -128,12 +138,22 @@ def _scales(scales: Scales) -> Iterator[str]:
         yield f"{of.scale} 1 is {units.said(of, scales.of(of))}"
 
 
-def _step(number: int, step: PlayedStep, pieces: int, groups: list[Group], device: Device) -> Iterator[str]:
+def _step(
+    number: int,
+    step: PlayedStep,
+    pieces: int,
+    groups: list[Group],
+    device: Device,
+    scenario: Scenario,
+) -> Iterator[str]:
     valve = "open" if isinstance(step, Inflate) else step.valve
     kind = type(step).__name__.lower()
     if not groups:
         why = "nothing moves" if not isinstance(step, Hold) else "everything is kept"
         yield f"  {number}. {kind}, {duration(step):g} long, valve {valve}: {why}; nothing is integrated"
+        return
+    if isinstance(step, Jump) and scenario.dynamics is not None:
+        yield f"  {number}. jump, valve {valve}: the voltage changes, nothing moves at once"
         return
     if isinstance(step, Jump):
         yield f"  {number}. jump, valve {valve}: the overdamped flow at the new voltage"
@@ -145,7 +165,7 @@ def _step(number: int, step: PlayedStep, pieces: int, groups: list[Group], devic
         driven = {Inflate: "pressure", Charge: "charge"}.get(type(step), "voltage")
         drive = [] if at_once else [f"{driven} (driven)"]
         yield f"     unknowns   {', '.join(_unknowns(group, device) + drive)}"
-        for equation in _equations(group, device):
+        for equation in _equations(group, device, scenario):
             yield f"     equation   {equation}"
         kinds = dict.fromkeys(c.kind for c in group.conditions[1 if at_once else 0 :])
         yield f"     events     {', '.join(kinds) or 'none'}"
@@ -158,7 +178,7 @@ def _unknowns(group: Group, device: Device) -> list[str]:
     return names
 
 
-def _equations(group: Group, device: Device) -> Iterator[str]:
+def _equations(group: Group, device: Device, scenario: Scenario) -> Iterator[str]:
     equations = group.equations
     sealed = isinstance(equations, SealedBalloons)
     membranes = equations.membranes if isinstance(equations, SealedBalloons) else (equations.membrane,)
@@ -171,7 +191,15 @@ def _equations(group: Group, device: Device) -> Iterator[str]:
             terms += f" − {2.0 * e / h**2:g} φ² λ³"
         elif isinstance(membrane, ChargedMembrane):
             terms += f" − {membrane.electric_load * wall.modulus:g} q² λ⁻⁵"
-        yield f"force balance of {name}: {terms} = 0"
+        if scenario.dynamics is None:
+            yield f"force balance of {name}: {terms} = 0"
+            continue
+        maxwell = scenario.balloons[place].maxwell
+        if maxwell is not None:
+            terms += f" + ({maxwell.modulus:g}/ξ) f_v(λ/ξ)"
+        yield f"flow of {name}: {scenario.dynamics.relaxation_of(name):g} dλ/dt = −[{terms}]"
+        if maxwell is not None:
+            yield f"Maxwell branch of {name}: dξ/dt = λ f_v(λ/ξ) / {12.0 * maxwell.time:g}"
     if sealed:
         yield _contents(device.law)
 
@@ -209,5 +237,9 @@ def _left_out(scenario: Scenario, steps: Sequence[PlayedStep], seen: set[str]) -
         yield "breakdown: " + (
             "no voltage on the balloon that names it" if named else "no balloon names a field"
         )
-    if any(isinstance(s, Hold) for s in steps):
+    if scenario.dynamics is None:
+        yield "time: balloons follow at once, no [dynamics]"
+    elif not any(balloon.maxwell for balloon in scenario.balloons):
+        yield "creep: no balloon has a Maxwell branch"
+    if scenario.dynamics is None and any(isinstance(s, Hold) for s in steps):
         yield "integration of holds: the state is kept, and copied"

@@ -64,7 +64,7 @@ def simulate(scenario: Scenario, *, progress: Callable[[float], None] | None = N
     SolverError
         If the solver failed; with the history up to there.
     """
-    run = _Run(scenario)
+    run = _Run(scenario) if scenario.dynamics is None else _creeping(scenario)
     total = sum(1 for _ in scenario.played_steps()) if progress else 0
     number = 0
     try:
@@ -83,6 +83,13 @@ def simulate(scenario: Scenario, *, progress: Callable[[float], None] | None = N
             run.history(),
         ) from failure
     return run.history()
+
+
+def _creeping(scenario: Scenario) -> _Run:
+    """A run in real time; its room is entered by those who ask for it."""
+    from simulator.creeping import CreepingRun
+
+    return CreepingRun(scenario)
 
 
 def _leading(fractions: FloatArray, waveform: Waveform, branches: Sequence[Branch | None]) -> int:
@@ -244,14 +251,17 @@ class _Run:
         for place, group in enumerate(groups):
             start = self._state(group, new)
             turns[place] = self.atlas.settle(group, "jump", start, start)
-        # At frozen stretches all of the supplies' work is stored: ∫φ dq at constant capacitance.
-        unit = self.device.charge(self.stretch[None], np.ones((1, target.size)))[0]
-        work = 0.5 * float(unit @ (target**2 - self.voltage**2))
-        self.electrical_work += work
-        self.stored += work
-        self.voltage = target
+        self._charge(target)
         self._turn(groups, across, turns, [self._state(g, new) for g in groups])
         return True
+
+    def _charge(self, voltage: FloatArray) -> None:
+        """Change the voltages at frozen stretches: all of the supplies' work, ∫φ dq, is stored."""
+        unit = self.device.charge(self.stretch[None], np.ones((1, voltage.size)))[0]
+        work = 0.5 * float(unit @ (voltage**2 - self.voltage**2))
+        self.electrical_work += work
+        self.stored += work
+        self.voltage = voltage
 
     # -- what moves ----------------------------------------------------------------------------------
 

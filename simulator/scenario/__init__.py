@@ -6,8 +6,8 @@ in its `description` what it allows; the messages are made from these, so the tw
 """
 
 from simulator.scenario.checks import MAX_SAMPLES
-from simulator.scenario.device import Balloon, Breakdown, Gas
-from simulator.scenario.document import Output, Scenario, Solver, load_scenario
+from simulator.scenario.device import Balloon, Breakdown, Gas, Maxwell
+from simulator.scenario.document import Dynamics, Output, Scenario, Solver, load_scenario
 from simulator.scenario.elastomer import (
     ArrudaBoyce,
     Elastomer,
@@ -47,12 +47,14 @@ __all__ = [
     "Breakdown",
     "Charge",
     "Cycle",
+    "Dynamics",
     "Elastomer",
     "Gas",
     "Gent",
     "Hold",
     "Inflate",
     "Jump",
+    "Maxwell",
     "MooneyRivlin",
     "NeoHookean",
     "Ogden",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from pydantic import BaseModel
 
 from simulator.scenario.errors import Problem
-from simulator.scenario.steps import Cycle, Hold, Inflate, Jump, Step, duration, numbered
+from simulator.scenario.steps import Charge, Cycle, Hold, Inflate, Jump, Step, duration, numbered
 
 if TYPE_CHECKING:
     from simulator.scenario.document import Output, Scenario
@@ -27,9 +27,23 @@ def disagreements(scenario: Scenario) -> Iterator[Problem]:
         if balloon.breakdown and not balloon.electrodes:
             key = f"balloon.{balloon.name}.breakdown"
             yield Problem(key, balloon.breakdown.model_dump(), "needs electrodes = true on this balloon")
+        if balloon.maxwell and scenario.dynamics is None:
+            key = f"balloon.{balloon.name}.maxwell"
+            yield Problem(key, balloon.maxwell.model_dump(), "needs [dynamics] with a relaxation_time")
+    if scenario.dynamics is not None and scenario.gas.law == "liquid":
+        yield Problem("gas.law", "liquid", 'must be "isothermal" or "adiabatic" with [dynamics]')
+    if scenario.dynamics is not None and isinstance(times := scenario.dynamics.relaxation_time, dict):
+        for name in (name for name in times if name not in names):
+            allowed = f"no such balloon, must be one of {', '.join(names)}"
+            yield Problem(f"dynamics.relaxation_time.{name}", times[name], allowed)
+        for name in (name for name in names if name not in times):
+            yield Problem(f"dynamics.relaxation_time.{name}", None, "is missing, must be a number > 0")
     for key, step in numbered(scenario.steps, "step"):
         if isinstance(step, Inflate | Hold | Cycle):
             continue
+        if isinstance(step, Charge) and scenario.dynamics is not None:
+            value = step.charge if isinstance(step.charge, dict) else float(step.charge)
+            yield Problem(f"{key}.charge", value, "does not go with [dynamics], which needs given voltages")
         kind = next(iter(type(step).model_fields))
         voltage = getattr(step, kind)
         if not electroded:

@@ -16,6 +16,7 @@ from simulator.scenario.fields import (
     Pressure,
     Radius,
     Thickness,
+    Time,
     Volume,
 )
 
@@ -42,6 +43,13 @@ class Breakdown(Frozen):
     field: ElectricField
 
 
+class Maxwell(Frozen):
+    """A spring (`modulus`) in series with a dashpot, beside the elastomer: relaxes in the time `time`."""
+
+    modulus: Modulus
+    time: Time
+
+
 class Balloon(Frozen):
     """One balloon; its numbers are ratios to the reference balloon."""
 
@@ -60,4 +68,7 @@ class Balloon(Frozen):
     permittivity: Permittivity = 1.0
     electrodes: Annotated[bool, Field(strict=True, description="true or false")] = False
     breakdown: Annotated[Breakdown | None, Field(description="a table such as { field = 12 }")] = None
+    maxwell: Annotated[Maxwell | None, Field(description="a table such as { modulus = 0.5, time = 10 }")] = (
+        None
+    )
     elastomer: Elastomer

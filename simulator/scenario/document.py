@@ -6,13 +6,13 @@ import os
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field, PrivateAttr, TypeAdapter, ValidationError
+from pydantic import AfterValidator, Field, PlainSerializer, PrivateAttr, TypeAdapter, ValidationError
 
 from simulator.scenario.checks import disagreements
 from simulator.scenario.device import Balloon, Gas
 from simulator.scenario.elastomer import Elastomer
 from simulator.scenario.errors import Problem, ScenarioError
-from simulator.scenario.fields import Float, Frozen, Int, Text, Time, not_empty
+from simulator.scenario.fields import Chosen, Float, Frozen, Int, Text, Time, by_name, not_empty
 from simulator.scenario.reading import read_toml
 from simulator.scenario.scales import Scaled, scales_of
 from simulator.scenario.steps import PlayedStep, Step, unrolled
@@ -26,6 +26,21 @@ class Output(Frozen):
 
     points: Annotated[Int, Field(ge=2, description="a whole number >= 2")] = 101
     every: Annotated[Time | None, Field(description="a number > 0")] = None
+
+
+class Dynamics(Frozen):
+    """Balloons that take their time: τ dλ/dt = −g with the relaxation time τ, for all or by balloon name."""
+
+    relaxation_time: Annotated[
+        float | dict[str, float],
+        Chosen(by_name(Time)),
+        PlainSerializer(as_written),
+        Field(description="a number > 0, or a table with one for every balloon by name"),
+    ]
+
+    def relaxation_of(self, name: str) -> float:
+        """The relaxation time of a balloon."""
+        return self.relaxation_time[name] if isinstance(self.relaxation_time, dict) else self.relaxation_time
 
 
 class Solver(Frozen):
@@ -52,6 +67,7 @@ class Scenario(Frozen):
     steps: Annotated[tuple[Step, ...], AfterValidator(not_empty)] = Field(
         alias="step", description="one or more [[step]] tables"
     )
+    dynamics: Annotated[Dynamics | None, Field(description="a table with relaxation_time")] = None
     output: Annotated[Output, Field(description="a table with points or every")] = Output()
     solver: Annotated[Solver, Field(description="a table with rtol")] = Solver()
     _file: str = PrivateAttr(default="<dict>")
