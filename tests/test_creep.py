@@ -235,9 +235,9 @@ def test_what_does_not_go_with_dynamics():
 
 def test_a_chamber_of_gas_is_felt():
     """Slow enough it is the quasi-static history, on a chamber and an adiabatic gas too."""
-    scenario = pair(
-        1.0, {"ramp": 0.2, "over": 10}, gas={"ambient_pressure": 0.5, "chamber": 3.0, "law": "adiabatic"}
-    )
+    written = pair(1.0, {"ramp": 0.2, "over": 10}).to_dict()
+    written["gas"] = {"ambient_pressure": 0.5, "chamber": 3.0, "law": "adiabatic"}
+    scenario = load_scenario(written)
     history = simulate(creeping(scenario, 1e-5))
     assert history.stretch[-1] == pytest.approx(simulate(scenario).stretch[-1], abs=1e-5)
     assert history.energy_balance.relative_imbalance < 1e-7
