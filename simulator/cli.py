@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Annotated, BinaryIO, NoReturn
 
 import typer
 
+from simulator import cli_sweep
 from simulator.terminal import progress_bar, summarise_fold, summarise_run, summarise_trace
 
 if TYPE_CHECKING:
@@ -35,6 +36,8 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+
+cli_sweep.register(app)
 
 ScenarioArgument = Annotated[
     Path, typer.Argument(metavar="SCENARIO", help="Scenario file (TOML).", show_default=False)
