@@ -73,10 +73,13 @@ def run(
         typer.Option(metavar="DIR", help="Where the results go.", show_default="results/<SCENARIO's stem>"),
     ] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Also draw history.png.")] = False,
+    sensitivities: Annotated[
+        bool, typer.Option("--sensitivities", help="Also how each limit point moves with each number.")
+    ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> None:
     """Play a scenario; write history.csv, events.csv and run.json, and say what happened."""
-    from simulator.export import RUN_FILES
+    from simulator.export import RUN_FILES, SENSITIVITIES_FILE, write_sensitivities
     from simulator.files import OutputError, check_writable
     from simulator.scenario import ScenarioError, load_scenario
 
@@ -84,7 +87,7 @@ def run(
     names = (*RUN_FILES, "history.png") if plot else RUN_FILES
     try:
         loaded = load_scenario(scenario)
-        check_writable(directory, names)
+        check_writable(directory, (*names, SENSITIVITIES_FILE) if sensitivities else names)
 
         from simulator.simulation import SolverError, simulate
 
@@ -94,6 +97,10 @@ def run(
         except SolverError as error:
             _keep_partial(error, error.history, directory, plot=plot)
         paths = _write(history, directory, plot=plot)
+        if sensitivities:
+            from simulator.sensitivity import all_sensitivities
+
+            paths += write_sensitivities(all_sensitivities(history), directory)
     except (ScenarioError, OutputError) as error:
         _fail(str(error), 2)
     except KeyboardInterrupt:

@@ -146,6 +146,20 @@ def physical_keys(scenario: Scenario) -> tuple[str, ...]:
     )
 
 
+def number_at(scenario: Scenario, key: str) -> float:
+    """One of the numbers of a scenario, in the unit it is written in, also where it has its default.
+
+    Raises
+    ------
+    KeyError
+        If it has no such number.
+    """
+    found = quantity(all_keys(scenario).get(key))
+    if found is None:
+        raise KeyError(key)
+    return found[0]
+
+
 def changed_scenario(scenario: Scenario, key: str, value: float) -> Scenario:
     """A scenario with one of its numbers changed, in the unit it is written in."""
     written = quantity(value_at(scenario.to_dict(), key))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
+from typing import Any
 
 from simulator.sweep.loading import MissingExtra
 
@@ -30,11 +31,13 @@ def connected(address: str) -> Iterator[tuple[Executor, int]]:
         If no scheduler answers there.
     """
     try:
-        from distributed import Client
+        import distributed
     except ImportError as error:
         raise MissingExtra("--dask needs dask: pip install 'dielectric-balloons[dask]'") from error
     try:
-        client = Client(address, timeout=_PATIENCE, set_as_default=False)
+        # Any: it comes without types.
+        make: Any = distributed.Client
+        client = make(address, timeout=_PATIENCE, set_as_default=False)
     except (OSError, TimeoutError, ValueError, ImportError) as error:
         reason = str(error).strip() or type(error).__name__
         raise ConnectionError(

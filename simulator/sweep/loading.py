@@ -89,6 +89,9 @@ def load_table(directory: str | os.PathLike[str]) -> pd.DataFrame:
         except ImportError:  # no pyarrow; the other file says the same
             pass
     source: Any = store.directory / TABLE if store.complete else io.BytesIO(b"".join(store.texts()))
+    # From 3.1 on pandas reads every number exactly, and warns of the word that older ones need for it.
+    old = tuple(int(part) for part in pd.__version__.split(".")[:2]) < (3, 1)
+    exactly: dict[str, Any] = {"float_precision": "round_trip"} if old else {}
     table = pd.read_csv(
         source,
         names=list(store.kinds),
@@ -98,7 +101,7 @@ def load_table(directory: str | os.PathLike[str]) -> pd.DataFrame:
         keep_default_na=False,
         true_values=["true"],
         false_values=["false"],
-        float_precision="round_trip",
+        **exactly,
     )
     return _typed(table, store.kinds)
 

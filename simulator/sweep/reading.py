@@ -194,7 +194,7 @@ def _as_axis(key: str, values: Range | tuple[Value, ...]) -> Axis:
         return Axis(key, values)
     (low, unit), (high, _) = values.start, values.to
     log = values.spacing == "log"
-    if values.points is None or (log and min(low, high) <= 0.0):
+    if values.points is None or values.points > MAX_RUNS or (log and min(low, high) <= 0.0):
         return Axis(key, (low, high), unit, log)
     spaced = np.geomspace if log else np.linspace
     return Axis(key, tuple(spaced(low, high, values.points).tolist()), unit, log)

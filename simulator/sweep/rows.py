@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 _AT_REST = 1e-6  # stretches closer than this are the same state of rest
 
-SENSITIVITY = "d(limit_point_1_voltage_{balloon})/d({key})"
+SENSITIVITY = "d(limit_point_1_{of})/d({key})"
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def columns(job: Job) -> dict[str, str]:
         "dissipated": "number",
         "energy_imbalance": "number",
         **{
-            SENSITIVITY.format(balloon=name, key=key): "number"
+            SENSITIVITY.format(of=f"voltage_{name}", key=key): "number"
             for key in job.recorded.sensitivities
             for name in job.electroded
         },
@@ -266,6 +266,6 @@ def _sensitivities(history: History, job: Job) -> dict[str, float]:
     inflating = _inflating(history)
     turns = [e for e in history.events if e.kind is EventKind.LIMIT_POINT and e.step not in inflating]
     return {
-        SENSITIVITY.format(balloon=found.balloon, key=found.key): found.derivative
+        SENSITIVITY.format(of=found.of, key=found.key): found.derivative
         for found in (sensitivities(history, turns[0], job.recorded.sensitivities) if turns else ())
     }
