@@ -23,8 +23,9 @@ Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors."
 
 def register(app: typer.Typer) -> None:
     """Add these commands to the command line."""
-    for command in (sweep,):
-        app.command()(command)
+    app.command()(sweep)
+    app.command("map")(draw_map)
+    app.command()(optimize)
 
 
 def sweep(
@@ -84,6 +85,101 @@ def sweep(
         _fail(f"{error}\n{_kept(directory)}", 3)
     except KeyboardInterrupt:
         _fail(f"interrupted; {_kept(directory)}", 130)
+
+
+def draw_map(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Results of a sweep.", show_default=False)],
+    x: Annotated[str, typer.Option("--x", metavar="KEY", help="What goes to the right.", show_default=False)],
+    y: Annotated[str, typer.Option("--y", metavar="KEY", help="What goes up.", show_default=False)],
+    color: Annotated[
+        str, typer.Option("--color", metavar="COLUMN", help="What is shown: categories or numbers.")
+    ] = "behaviour",
+    panels: Annotated[
+        str | None, typer.Option(metavar="KEY", help="One map for each value of it.", show_default=False)
+    ] = None,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=VALUE", help="Hold a key of the grid at a value.", show_default=False),
+    ] = None,
+    fold: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[VALUE=]FILE",
+            help="A fold.csv to draw on top, or in the panel of a value.",
+            show_default=False,
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The picture.", show_default="DIR/map.png")
+    ] = None,
+    title: Annotated[
+        str | None, typer.Option(metavar="TEXT", help="Its title.", show_default="that of the sweep")
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Draw a sweep as a map: what happens, or any other column, over two of its keys."""
+    from simulator.files import OutputError, write_files
+    from simulator.sweep.picking import PickError, fold_line, pick
+
+    picture = directory / "map.png" if out is None else out
+    try:
+        held = [(key, value) for key, _, value in (text.partition("=") for text in at or ())]
+        picked = pick(directory, x, y, color, panels, held)
+        lines = [fold_line(text, x, y) for text in fold or ()]
+
+        from simulator.plot.map import MapCurve, draw_map_png
+
+        content = draw_map_png(
+            picked.columns,
+            x,
+            y,
+            color,
+            panels=panels,
+            curves=[MapCurve(line.x, line.y, line.label, line.panel) for line in lines],
+            log=picked.log,
+            title=picked.title if title is None else title,
+        )
+        write_files(picture.parent, {picture.name: lambda stream: stream.write(content)})
+    except (PickError, OutputError) as error:
+        _fail(str(error), 2)
+    if not quiet:
+        print(f"files    {picture.parent}: {picture.name}")
+
+
+def optimize(
+    question: Annotated[
+        Path, typer.Argument(metavar="FILE", help="What to optimise (TOML).", show_default=False)
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Where the results go.", show_default="results/<FILE's stem>-optimum"
+        ),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Find the run that makes one column largest or smallest under conditions; write optimum.csv."""
+    from simulator.files import OutputError, check_writable
+    from simulator.scenario import ScenarioError
+    from simulator.sweep.optimum import OPTIMUM_FILES, read_question
+    from simulator.sweep.optimum import optimize as search
+    from simulator.terminal_sweep import count_progress, summarise_optimum
+
+    directory = Path("results") / f"{question.stem}-optimum" if out is None else out
+    try:
+        asked = read_question(question)
+        check_writable(directory, OPTIMUM_FILES)
+        with count_progress(quiet=quiet) as progress:
+            found = search(asked, progress=progress)
+        paths = found.to_csv(directory)
+    except (ScenarioError, OutputError) as error:
+        _fail(str(error), 2)
+    except KeyboardInterrupt:
+        _fail("interrupted, nothing written", 130)
+    if found.row is None:
+        _fail(f"none of {len(found.runs):,} runs meets the conditions; all are in {paths[-1]}", 3)
+    if not quiet:
+        summarise_optimum(found, paths)
 
 
 @contextmanager

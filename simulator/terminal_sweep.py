@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections import Counter
+    from pathlib import Path
 
     from simulator.sweep import SweepResult
+    from simulator.sweep.optimum import Optimum
 
 _ERRORS_SHOWN = 3
 _BETWEEN_LINES = 60.0  # seconds between two lines where there is no terminal to draw a bar in
@@ -55,6 +57,18 @@ def _bar() -> Iterator[Callable[[int, int], None]]:
 
     with bar:
         yield report
+
+
+@contextmanager
+def count_progress(*, quiet: bool) -> Iterator[Callable[[int], None] | None]:
+    """A function to report the number of runs played to, where nobody knows how many it will be."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status("") as status:
+        yield lambda done: status.update(f"{done:,} runs")
 
 
 def _lines() -> Callable[[int, int], None]:
@@ -112,3 +126,22 @@ def summarise_sweep(
     before = f", {result.runs - result.played:,} were there before" if result.played < result.runs else ""
     print(f"cost     {result.seconds:.1f} s for {result.played:,} runs{pace}{before}")
     print(f"files    {result.directory}: {', '.join(path.name for path in result.files)}")
+
+
+def summarise_optimum(found: Optimum, paths: list[Path]) -> None:
+    """Say what the best run is, what it does, and how sure that is."""
+    question, row = found.question, found.row
+    assert row is not None
+    print(question.sweep.title)
+    word = "largest" if question.sense < 0.0 else "smallest"
+    print(f"\n{word:8} {question.column} = {found.value:.10g}")
+    names = [axis.key for axis in question.sweep.axes]
+    names += [question.sweep.job.past.key] if question.sweep.job.past else []
+    for i, name in enumerate(names):
+        print(f"{'at' if not i else '':8} {name} = {row[name]:.10g}")
+    for i, name in enumerate(question.where):
+        value = row[name]
+        print(f"{'where' if not i else '':8} {name} = {value if isinstance(value, str) else f'{value:.10g}'}")
+    settled = "converged" if found.converged else "not converged, more generations may find better"
+    print(f"cost     {len(found.runs):,} runs, {settled}")
+    print(f"files    {paths[0].parent}: {', '.join(path.name for path in paths)}")

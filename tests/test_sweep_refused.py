@@ -99,7 +99,7 @@ def refusal(**definition):
         ),
         (
             {"record": {"sensitivities": ["gas.pressure"]}},
-            'record.sensitivities = "gas.pressure": no number of the device; did you mean gas.ambient_pressure',
+            'record.sensitivities = "gas.pressure": no number of the device; did you mean gas.amb',
         ),
         ({"record": {"limit_points": -1}}, "record.limit_points = -1: must be a whole number from 0 to 100"),
         (

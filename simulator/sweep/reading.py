@@ -115,7 +115,7 @@ class SweepFile(Frozen):
     )
 
 
-def read_sweep(source: str | os.PathLike[str] | Mapping[str, Any]) -> Sweep:
+def read_sweep(source: str | os.PathLike[str] | Mapping[str, Any], *, file: str | None = None) -> Sweep:
     """Read and check a sweep, with its base scenario.
 
     Parameters
@@ -124,6 +124,8 @@ def read_sweep(source: str | os.PathLike[str] | Mapping[str, Any]) -> Sweep:
         A TOML file, or its content as a mapping. The path of the scenario is relative to the folder of
         the file, for a mapping to the current directory; in a mapping, `scenario` may be a scenario's
         mapping itself.
+    file : str, optional
+        Of a mapping: the file it was read from, for messages and for the path of the scenario.
 
     Raises
     ------
@@ -132,7 +134,8 @@ def read_sweep(source: str | os.PathLike[str] | Mapping[str, Any]) -> Sweep:
     """
     base: Mapping[str, Any] | None = None
     if isinstance(source, Mapping):
-        file, folder, data = "<dict>", "", dict(source)
+        folder, data = os.path.dirname(file) if file else "", dict(source)
+        file = file or "<dict>"
         if isinstance(data.get("scenario"), Mapping):
             base, data["scenario"] = data["scenario"], "<dict>"
     else:

@@ -185,7 +185,6 @@ def facts(history: History, limit_points: int) -> dict[str, Any]:
             e.kind is EventKind.BRANCH_POINT and e.step not in inflating for e in history.events
         ),
         "inflation_snaps": sum(e.step in inflating for e in history.snaps),
-        "loop_work": history.energy_balance.electrical_work,
         "dissipated": history.energy_balance.dissipated,
         "energy_imbalance": history.energy_balance.relative_imbalance,
     }
@@ -201,6 +200,7 @@ def facts(history: History, limit_points: int) -> dict[str, Any]:
     row |= _named("sealed_stretch", history.balloons, history.stretch[sealed])
     row |= _named("largest_stretch", history.balloons, history.stretch.max(axis=0))
     if complete:
+        row["loop_work"] = history.energy_balance.electrical_work
         row |= _named("residual_stretch", history.balloons, history.stretch[-1])
     return row | _named("largest_field", history.electroded, np.abs(history.field).max(axis=0))
 
