@@ -82,7 +82,8 @@ def pick(
             if option != "--color" and name not in grid:
                 raise PickError(f"{option} {name}: must be varied on the grid, which has {', '.join(grid)}")
         for key, text in at:
-            table = table[table[key] == _value_of(key, text, grid)]
+            held = _value_of(key, text, grid)
+            table = table[table[key] == held]
         left = [k for k, v in grid.items() if len(v) > 1 and k not in wanted.values() and k not in dict(at)]
         if left:
             raise PickError(
