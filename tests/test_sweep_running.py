@@ -17,6 +17,7 @@ import pytest
 
 from simulator import files
 from simulator.files import OutputError
+from simulator.scenario import ScenarioError
 from simulator.sweep import ExecutorError, load_sweep, load_table, read_sweep, run_sweep
 from simulator.sweep.rows import Task, play_chunk
 from tests.sweeps import CHEAP, FIG3C, FIG5B, ROOT, Here, balloons, lines, swept
@@ -41,14 +42,14 @@ def test_table_parquet_and_grid_agree_to_the_last_bit(tmp_path):
     parquet = pq.read_table(tmp_path / "a/sweep.parquet")
     (tmp_path / "a/sweep.parquet").unlink()
     assert load_table(tmp_path / "a").equals(whole)
-    assert parquet["loop_work"].to_pylist() == whole["loop_work"].tolist()
+    assert parquet["dissipated"].to_pylist() == whole["dissipated"].tolist()
     assert parquet["landing_pressure"].null_count == 5
     grid = load_sweep(tmp_path / "a")
     assert dict(grid.sizes) == {"gas.ambient_pressure": 2, "step.1.inflate": 3}
     assert (
         grid["behaviour"].sel({"gas.ambient_pressure": 0.015, "step.1.inflate": 1.2}).item() == "snap_returns"
     )
-    assert grid["loop_work"].to_numpy().ravel().tolist() == whole["loop_work"].tolist()
+    assert grid["dissipated"].to_numpy().ravel().tolist() == whole["dissipated"].tolist()
 
 
 def test_samples_load_as_a_table_and_half_a_grid_with_gaps(tmp_path):
@@ -169,6 +170,31 @@ def test_a_comment_changes_nothing(begun):
     result = balloons("sweep", begun, "--out", begun.parent / "out", "--resume")
     assert (result.exit_code, result.stderr) == (0, "")
     assert "for 0 runs, 3 were there before" in result.stdout
+
+
+def test_a_table_that_changes_meanwhile_is_noticed(begun):
+    wave = begun.parent / "wave.csv"
+
+    def meddle(done, total):
+        if done == 1:
+            wave.write_text("time,voltage\n0,0\n1,0.15\n")
+
+    with pytest.raises(ScenarioError, match=r"wave\.csv\": was changed while the sweep ran"):
+        run_sweep(
+            read_sweep(begun), begun.parent / "other", executor=Here(), workers=1, chunk=1, progress=meddle
+        )
+    assert len(load_table(begun.parent / "other")) == 1
+
+
+def test_two_processes_do_not_play_the_same_sweep(begun):
+    fcntl = pytest.importorskip("fcntl")
+    (begun.parent / "out/sweep.csv").unlink()
+    with open(begun.parent / "out/.lock", "ab") as stream:
+        fcntl.flock(stream, fcntl.LOCK_EX)
+        with pytest.raises(OutputError, match="another process is at work on the sweep in"):
+            run_sweep(read_sweep(begun), begun.parent / "out", executor=Here(), resume=True)
+    run_sweep(read_sweep(begun), begun.parent / "out", executor=Here(), resume=True)
+    assert len(load_table(begun.parent / "out")) == 3
 
 
 def test_a_directory_is_not_written_over(begun):
@@ -342,7 +368,7 @@ def test_an_executor_that_fails_is_told_and_what_is_back_is_kept(tmp_path):
     sweep = read_sweep({"scenario": CHEAP, "vary": {"step.1.inflate": [0.1, 0.2, 0.3, 0.4]}})
     with pytest.raises(ExecutorError, match="the executor failed, CancelledError"):
         run_sweep(sweep, tmp_path, executor=Lost(), workers=1)
-    assert len(load_table(tmp_path)) == 2
+    assert load_table(tmp_path)["run"].tolist() == [1, 2, 4]
     run_sweep(sweep, tmp_path, executor=Here(), resume=True)
     assert len(load_table(tmp_path)) == 4
 

@@ -69,7 +69,10 @@ def load_sweep(directory: str | os.PathLike[str]) -> xr.Dataset | pd.DataFrame:
         full = np.full(record["runs"], filler, dtype=object if filler == "" else values.dtype)
         full[place] = values
         variables[name] = (tuple(grid), full.reshape(shape))
-    return xr.Dataset(variables, coords=grid, attrs={"title": record["title"], "units": str(record["units"])})
+    found = xr.Dataset(variables, coords=grid, attrs={"title": record["title"]})
+    for key, unit in record["units"].items():
+        found[key].attrs["units"] = unit
+    return found
 
 
 def load_table(directory: str | os.PathLike[str]) -> pd.DataFrame:

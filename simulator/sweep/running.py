@@ -26,10 +26,11 @@ from concurrent.futures import (
 )
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
+from simulator.scenario import Problem, ScenarioError
 from simulator.sweep.rows import Task, as_text, columns, failure, play_chunk
-from simulator.sweep.storage import Store, open_store
+from simulator.sweep.storage import Store, alone, open_store
 
 if TYPE_CHECKING:
     from simulator.sweep.plan import Job, Sweep
@@ -101,26 +102,29 @@ def run_sweep(
     OutputError
         If something cannot be written. Chunks written before stay.
     ScenarioError
-        If the directory holds another sweep than this.
+        If the directory holds another sweep than this, or a table changes while it is played.
     ExecutorError
         If the executor fails. Chunks written before stay.
     """
     started = time.perf_counter()
     count = workers or usable_cores()
     store = open_store(sweep, Path(directory), resume=resume, chunk=chunk)
-    ready = store.done()
-    before = store.rows_of(ready)
-    if progress:
-        progress(before, sweep.size)
-    if len(ready) < store.count:
-        crew = _Given(executor) if executor is not None else _Processes(min(count, store.count - len(ready)))
-        try:
-            _Campaign(sweep, store, crew, count, progress).play(ready)
-        finally:
-            crew.close()
+    with alone(store.directory):
+        ready = store.done()
+        before = store.rows_of(ready)
+        if progress:
+            progress(before, sweep.size)
+        if len(ready) < store.count:
+            left = store.count - len(ready)
+            crew = _Given(executor) if executor is not None else _Processes(min(count, left))
+            try:
+                _Campaign(sweep, store, crew, count, progress).play(ready)
+            finally:
+                crew.close()
+        files = store.finish()
     return SweepResult(
         directory=store.directory,
-        files=tuple(store.finish()),
+        files=tuple(files),
         runs=sweep.size,
         played=sweep.size - before,
         seconds=time.perf_counter() - started,
@@ -147,6 +151,7 @@ class _Campaign:
 
     def play(self, ready: set[int]) -> None:
         """Play every chunk that is not there yet."""
+        tables = _signatures(self.sweep)
         waiting = deque(number for number in range(self.store.count) if number not in ready)
         again: deque[Task] = deque()
         there = self.store.rows_of(ready)
@@ -156,11 +161,14 @@ class _Campaign:
                 self.flying[self.crew.submit(self.sweep.job, task)] = task
             back, _ = wait(self.flying, return_when=FIRST_COMPLETED)
             broken = False
-            for future in back:
+            # Those that are back first: one that failed must not cost them.
+            for future in sorted(back, key=lambda one: _error(one) is not None):
                 task = self.flying[future]
                 error = _error(future)
                 if error is None:
                     del self.flying[future]
+                    if _signatures(self.sweep) != tables:
+                        self._changed(tables)
                     self.store.write(task.number, future.result())
                     there += len(task.values)
                     if self.progress:
@@ -174,6 +182,13 @@ class _Campaign:
                 there += done
                 if done and self.progress:
                     self.progress(there, self.sweep.size)
+
+    def _changed(self, tables: dict[str, tuple[int, int]]) -> NoReturn:
+        """A table was written to while it was being read: which rows saw what cannot be told."""
+        now = _signatures(self.sweep)
+        path = next(path for path, was in tables.items() if now.get(path) != was)
+        text = "was changed while the sweep ran; rows written before are of the table as it was"
+        raise ScenarioError(self.sweep.file, Problem(f'tables."{path}"', None, text))
 
     def _task(self, number: int) -> Task:
         start, stop = self.store.bounds(number)
@@ -205,6 +220,18 @@ class _Campaign:
                 raise _executor_error(error)
             self.crew.after_a_death({future: one})
         return _dead_row(job, one)
+
+
+def _signatures(sweep: Sweep) -> dict[str, tuple[int, int]]:
+    """Time and size of the tables that runs read."""
+    found = {}
+    for path in sweep.definition["tables"]:
+        try:
+            status = os.stat(path)
+        except OSError:
+            continue
+        found[path] = (status.st_mtime_ns, status.st_size)
+    return found
 
 
 def _dead_row(job: Job, task: Task) -> str:

@@ -13,6 +13,7 @@ import json
 import shutil
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from simulator.sweep.plan import Sweep
 
 RECORD, TABLE, PARQUET, CHUNKS = "sweep.json", "sweep.csv", "sweep.parquet", "chunks"
+LOCK = ".lock"
 
 _ROWS_IN_ALL = 200  # chunks that a small sweep is cut into
 _MOST_ROWS = 1000  # rows of a chunk of a large one
@@ -135,6 +137,33 @@ def open_store(sweep: Sweep, directory: Path, *, resume: bool, chunk: int | None
     text = json.dumps(content, indent=1, ensure_ascii=False)
     write_files(directory, {RECORD: lambda stream: stream.write(f"{text}\n".encode())})
     return store
+
+
+@contextmanager
+def alone(directory: Path) -> Iterator[None]:
+    """Hold a directory against a second process that would write the same sweep there.
+
+    The system lets go of it when this process ends, however that happens.
+
+    Raises
+    ------
+    OutputError
+        If another process holds it.
+    """
+    try:
+        import fcntl
+    except ImportError:  # not on Windows
+        yield
+        return
+    with open(directory / LOCK, "ab") as stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise OutputError(f"another process is at work on the sweep in {str(directory)!r}") from None
+        except OSError:  # a file system without locks
+            pass
+        yield
+        (directory / LOCK).unlink(missing_ok=True)
 
 
 def read_record(directory: Path) -> dict[str, Any]:
