@@ -109,6 +109,12 @@ def draw_map(
             show_default=False,
         ),
     ] = None,
+    mark: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[VALUE=]X,Y,TEXT", help="A point to mark, or in one panel.", show_default=False
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="The picture.", show_default="DIR/map.png")
     ] = None,
@@ -120,14 +126,16 @@ def draw_map(
     """Draw a sweep as a map: what happens, or any other column, over two of its keys."""
     from simulator.files import OutputError, write_files
     from simulator.sweep.picking import PickError, fold_line, pick
+    from simulator.sweep.picking import mark as point
 
     picture = directory / "map.png" if out is None else out
     try:
         held = [(key, value) for key, _, value in (text.partition("=") for text in at or ())]
         picked = pick(directory, x, y, color, panels, held)
         lines = [fold_line(text, x, y) for text in fold or ()]
+        points = [point(text) for text in mark or ()]
 
-        from simulator.plot.map import MapCurve, draw_map_png
+        from simulator.plot.map import MapCurve, MapMark, draw_map_png
 
         content = draw_map_png(
             picked.columns,
@@ -136,6 +144,7 @@ def draw_map(
             color,
             panels=panels,
             curves=[MapCurve(line.x, line.y, line.label, line.panel) for line in lines],
+            marks=[MapMark(*words) for words in points],
             log=picked.log,
             title=picked.title if title is None else title,
         )

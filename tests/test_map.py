@@ -7,9 +7,9 @@ import pytest
 
 from simulator.fold import fold
 from simulator.history import EventKind, Outcome
-from simulator.plot.map import BEHAVIOURS, MapCurve, plot_map
+from simulator.plot.map import BEHAVIOURS, MapCurve, MapMark, plot_map
 from simulator.sweep import read_sweep, run_sweep
-from simulator.sweep.picking import PickError, fold_line, pick
+from simulator.sweep.picking import PickError, fold_line, mark, pick
 from tests.pairs import pair
 from tests.sweeps import CHEAP, Here, balloons
 
@@ -80,6 +80,14 @@ def test_categories_have_their_colours_and_words(swept, folded):
     assert len(set(colours)) == len(colours) == len(there) + 1
 
 
+def test_points_are_marked_in_their_panel(swept):
+    picked = pick(swept, X, Y, "behaviour", Z)
+    marks = [MapMark(*mark("0.03,0.38,B")), MapMark(*mark("2=0.05,0.35,$C"))]
+    figure = plot_map(picked.columns, X, Y, "behaviour", panels=Z, marks=marks, log=picked.log)
+    assert [[text.get_text() for text in ax.texts] for ax in figure.axes] == [["B"], ["B", "$C"]]
+    assert figure.axes[0].get_xlim() == figure.axes[1].get_xlim()
+
+
 def test_every_end_of_a_history_has_a_colour_of_its_own():
     ends = [Outcome.LOSS_OF_TENSION, Outcome.BREAKDOWN, Outcome.RUNAWAY]
     for end in ends:
@@ -140,6 +148,10 @@ def test_the_command_draws_it(swept, folded, tmp_path):
         ),
         (["--x", X, "--y", Y, "--at", f"{Z}=3"], f"--at {Z}=3: must be one of 1.0, 2.0"),
         (["--x", X, "--y", Y, "--at", "radius=1"], "--at radius: must be varied on the grid"),
+        (
+            ["--x", X, "--y", Y, "--panels", Z, "--mark", "1;2"],
+            "--mark 1;2: must be X,Y,TEXT or VALUE=X,Y,TEXT",
+        ),
         (["--x", X, "--y", Y, "--color", "stretch", "--panels", Z], "--color stretch: no such column"),
         (
             ["--x", X, "--y", Y, "--panels", Z, "--fold", "none.csv"],

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 BEHAVIOURS: dict[str, tuple[str, str]] = {
     "continuous": ("#56B4E9", "continuous actuation"),
     "snap": ("#0072B2", "stable snap"),
-    "snap_returns": ("#009E73", "stable snap, goes back at 0 V"),
-    "snap_stays": ("#F0E442", "stable snap, stays at 0 V"),
+    "snap_returns": ("#009E73", "stable snap, goes back when off"),
+    "snap_stays": ("#F0E442", "stable snap, stays when off"),
     "snap_then_loss_of_tension": ("#CC79A7", "stable snap, loss of tension later"),
     "snap_to_loss_of_tension": ("#D55E00", "snap that loses tension"),
     "loss_of_tension": ("#BDBDBD", "loss of tension without a snap"),
@@ -65,6 +65,16 @@ class MapCurve:
     panel: float | str | None = None
 
 
+@dataclass(frozen=True)
+class MapMark:
+    """A point on a map with a letter beside it; `panel` as for a `MapCurve`."""
+
+    x: float
+    y: float
+    label: str
+    panel: float | str | None = None
+
+
 def plot_map(
     columns: Columns,
     x: str,
@@ -73,6 +83,7 @@ def plot_map(
     *,
     panels: str | None = None,
     curves: Sequence[MapCurve] = (),
+    marks: Sequence[MapMark] = (),
     log: frozenset[str] = frozenset(),
     title: str = "",
 ) -> Figure:
@@ -90,6 +101,7 @@ def plot_map(
     panels : str, optional
         Column with one panel for each value.
     curves : sequence of MapCurve
+    marks : sequence of MapMark
     log : set of str
         Columns with a logarithmic axis.
     title : str
@@ -113,12 +125,18 @@ def plot_map(
         )
         for i, curve in enumerate(curve for curve in curves if curve.panel in (None, value)):
             ax.plot(curve.x, curve.y, color=BLACK, linewidth=1.5, linestyle=_LINES[i % len(_LINES)])
+        for mark in (mark for mark in marks if mark.panel in (None, value)):
+            ax.plot(mark.x, mark.y, "o", color=BLACK, markeredgecolor="white", markersize=5.5)
+            ax.annotate(mark.label, (mark.x, mark.y), (5, 4), textcoords="offset points", parse_math=False)
         if panels is not None:
             ax.set_title(
                 f"{_words(panels)} = {value:g}" if isinstance(value, float) else f"{value}", fontsize=11
             )
     for ax in axes[len(shown) :]:
         ax.set_visible(False)
+    # Curves may run on beyond the map. Axes are shared: one is all.
+    axes[0].set_xlim(*_ends(columns[x], x in log))
+    axes[0].set_ylim(*_ends(columns[y], y in log))
     for ax in axes[-across:]:
         ax.set_xlabel(_words(x))
     for ax in axes[::across]:
@@ -221,12 +239,12 @@ def _draw_panel(
         ax.set_xscale("log")
     if log_y:
         ax.set_yscale("log")
-    if across.size * up.size == x.size:  # curves may run on beyond the map
-        ax.set_xlim(*_edges(across, log_x)[[0, -1]])
-        ax.set_ylim(*_edges(up, log_y)[[0, -1]])
-    else:
-        ax.autoscale(False)
     return drawn
+
+
+def _ends(values: FloatArray, log: bool) -> FloatArray:
+    """Where an axis begins and ends: with the cells of these values."""
+    return _edges(np.unique(values), log)[[0, -1]]
 
 
 def _edges(centres: FloatArray, log: bool) -> FloatArray:

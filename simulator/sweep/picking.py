@@ -160,3 +160,20 @@ def fold_line(text: str, x: str, y: str) -> FoldLine:
     at_x, at_y = (columns[varied], drive) if varied == x else (drive, columns[varied])
     label = "limit point of the inflation" if not voltage.any() else "limit point"
     return FoldLine(at_x, at_y, label, panel)
+
+
+def mark(text: str) -> tuple[float, float, str, float | None]:
+    """A point to mark on a map: `X,Y,TEXT`, with `VALUE=` in front where it belongs to one panel only.
+
+    Raises
+    ------
+    PickError
+        If it is no such text.
+    """
+    found = re.fullmatch(r"(?:([^,=]+)=)?([^,]+),([^,]+),(.*)", text)
+    try:
+        if found is None:
+            raise ValueError
+        return float(found[2]), float(found[3]), found[4], float(found[1]) if found[1] else None
+    except ValueError:
+        raise PickError(f"--mark {text}: must be X,Y,TEXT or VALUE=X,Y,TEXT, such as 0.015,1.2,B") from None
