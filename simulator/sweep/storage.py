@@ -162,8 +162,10 @@ def alone(directory: Path) -> Iterator[None]:
             raise OutputError(f"another process is at work on the sweep in {str(directory)!r}") from None
         except OSError:  # a file system without locks
             pass
-        yield
-        (directory / LOCK).unlink(missing_ok=True)
+        try:
+            yield
+        finally:
+            (directory / LOCK).unlink(missing_ok=True)
 
 
 def read_record(directory: Path) -> dict[str, Any]:
