@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import csv
 import math
+from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from simulator import load_scenario, simulate
+from simulator.simulation import SolverError
 from simulator.sweep import load_sweep, read_sweep
 from simulator.sweep import rows as rows_room
-from simulator.sweep.plan import Axis
+from simulator.sweep.optimum import read_question
+from simulator.sweep.plan import Axis, Sweep
 from simulator.sweep.reading import Range, _as_axis
-from simulator.sweep.rows import play
+from simulator.sweep.rows import as_text, play
 from simulator.trace import trace
 from tests.pairs import pair
 from tests.sweeps import CHEAP, FIG3C, FIG5B, ROOT, swept
@@ -109,6 +116,42 @@ def test_values_that_do_not_go_together_are_rows(tmp_path):
     assert table["error"][2].startswith("output.every = 0.5: must ask for at most 10,000,000 samples")
 
 
+def test_a_ramp_down_goes_past_its_limit_point_too(tmp_path):
+    scenario = pair(1.2, {"ramp": 0.4}, {"ramp": 0.0}, ambient=0.015).to_dict()
+    definition = {
+        "scenario": scenario,
+        "vary": {"gas.ambient_pressure": [0.015]},
+        "past_limit_point": {"step.3.ramp": {"times": 1.01}},
+    }
+    row = swept(tmp_path, definition).iloc[0]
+    assert row["limit_point_2_voltage_active"] == pytest.approx(0.27029133, abs=5e-9)
+    assert row["step.3.ramp"] == pytest.approx(0.4 + 1.01 * (0.27029133 - 0.4), abs=2e-8)
+    assert row["behaviour"] == "snap"  # the voltage is still on
+
+
+def test_what_fails_beyond_the_limit_point_is_not_gone_through(monkeypatch):
+    scenario = pair(1.2, {"ramp": 0.75}, {"ramp": 0.0}, ambient=0.015)
+    job = read_sweep(
+        {
+            "scenario": scenario.to_dict(),
+            "vary": {"gas.ambient_pressure": [0.015]},
+            "past_limit_point": {"step.2.ramp": {"times": 1.001}},
+        }
+    ).job
+
+    def fragile(scenario):
+        if scenario.steps[1].ramp == 0.75:
+            raise SolverError("beyond", simulate(scenario))
+        return simulate(scenario)
+
+    monkeypatch.setattr(rows_room, "simulate", fragile)
+    row = play(job, 0, (0.015,))
+    assert (row["behaviour"], row["outcome"]) == ("snap_returns", "completed")
+    job = replace(job, past=None)
+    row = play(job, 0, (0.015,))
+    assert (row["behaviour"], row["outcome"], row["error"]) == ("failed", "failed", "beyond")
+
+
 def test_sensitivities_as_columns(tmp_path):
     keys = ["gas.ambient_pressure", "step.1.inflate"]
     definition = {
@@ -190,6 +233,39 @@ def test_whole_numbers_stay_whole_and_texts_are_values(tmp_path):
         grid["loop_work"].sel({"step.2.cycle": 3.0, "step.2.steps.1.valve": "closed"}).item()
         == table["loop_work"][3]
     )
+
+
+@given(st.lists(st.integers(1, 7), min_size=1, max_size=4), st.data())
+def test_every_run_of_a_grid_has_its_own_values(shape, data):
+    axes = tuple(Axis(f"key.{i}", tuple(float(v) for v in range(n))) for i, n in enumerate(shape))
+    job = replace(read_sweep({"scenario": CHEAP, "vary": {"step.1.inflate": [0.1]}}).job, axes=axes)
+    sweep = Sweep("", "", job, None, {})
+    values = sweep.values(0, sweep.size)
+    assert values == list(product(*(axis.values for axis in axes)))
+    start = data.draw(st.integers(0, sweep.size))
+    stop = data.draw(st.integers(start, sweep.size))
+    assert sweep.values(start, stop) == values[start:stop]
+
+
+@given(st.lists(st.floats(), min_size=2, max_size=2), st.text(max_size=30))
+def test_rows_come_back_to_the_last_bit(numbers, text):
+    ((first, second, words),) = csv.reader([as_text([[*numbers, text]]).removesuffix("\n")])
+    for cell, number in zip((first, second), numbers, strict=True):
+        assert math.isnan(number) if cell == "" else float(cell) == number
+    assert words == " ".join(text.split())
+
+
+@pytest.mark.parametrize(
+    "file", sorted((ROOT / "scenarios/sweeps").glob("*.toml")), ids=lambda file: file.stem
+)
+def test_every_shipped_file_reads(file):
+    text = file.read_text()
+    if "maximize" in text:
+        assert read_question(file).column == "largest_stretch_active"
+    elif "[vary]" in text:
+        assert read_sweep(file).size > 1000
+    else:
+        assert load_scenario(file).title
 
 
 def test_numbers_in_units_keep_them():

@@ -147,17 +147,18 @@ def _played(job: Job, mapping: Mapping[str, Any], row: dict[str, Any]) -> Histor
         return simulate(scenario)
     try:
         whole = simulate(scenario)
-        events = whole.events
     except SolverError as error:
         # What fails beyond the limit point need not be gone through.
         if error.history is None or not _turned(error.history.events, past.step):
             raise
-        events = error.history.events
-    turn = _turned(events, past.step)
+        whole = error.history
+    turn = _turned(whole.events, past.step)
     if turn is None:
         row[past.key] = float(scenario.steps[past.step - 1].ramp)  # type: ignore[union-attr, arg-type]
         return whole
-    row[past.key] = past.times * float(turn.voltage[0])
+    before = whole.voltage[whole.step < past.step, 0]
+    start = float(before[-1]) if before.size else 0.0
+    row[past.key] = start + past.times * (float(turn.voltage[0]) - start)
     return simulate(load_scenario(with_values(mapping, {past.key: row[past.key]})))
 
 

@@ -86,7 +86,7 @@ class Store:
 
     def write(self, number: int, text: str) -> None:
         """Write a chunk. Raises OutputError; what was there before is then still there."""
-        content = text.encode()
+        content = text.encode(errors="replace")
         write_files(self.directory / CHUNKS, {_name(number): lambda stream: stream.write(content)})
 
     def texts(self) -> Iterator[bytes]:
