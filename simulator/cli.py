@@ -100,7 +100,10 @@ def run(
         if sensitivities:
             from simulator.sensitivity import all_sensitivities
 
-            paths += write_sensitivities(all_sensitivities(history), directory)
+            try:
+                paths += write_sensitivities(all_sensitivities(history), directory)
+            except ArithmeticError as error:
+                _fail(f"{error}; the history is in {directory}, without sensitivities", 3)
     except (ScenarioError, OutputError) as error:
         _fail(str(error), 2)
     except KeyboardInterrupt:

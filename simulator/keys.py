@@ -40,7 +40,7 @@ def with_values(scenario: Mapping[str, Any], values: Mapping[str, Any]) -> dict[
     for key, value in values.items():
         for table, name in _places(changed, key):
             number = isinstance(value, float) and value.is_integer()
-            old = table.get(name) if isinstance(table, dict) else None
+            old = _in(table, name)
             # A whole number stays one: `cycle = 3` may not become 3.0.
             whole = number and isinstance(old, int) and not isinstance(old, bool)
             table[name] = int(value) if whole else value
@@ -49,36 +49,42 @@ def with_values(scenario: Mapping[str, Any], values: Mapping[str, Any]) -> dict[
 
 def value_at(scenario: Mapping[str, Any], key: str) -> Any:
     """The value of a key in a scenario's mapping, None where it is not written. Raises KeyError."""
-    table, name = next(_places(copy.deepcopy(dict(scenario)), key))
-    return table.get(name)
+    return _in(*next(_places(copy.deepcopy(dict(scenario)), key)))
 
 
-def _places(scenario: dict[str, Any], key: str) -> Iterator[tuple[dict[str, Any], str]]:
-    """The tables that hold a key, and its name in them."""
+def _in(table: Any, name: Any) -> Any:
+    return table[name] if isinstance(table, list) else table.get(name)
+
+
+def _places(scenario: dict[str, Any], key: str) -> Iterator[tuple[Any, Any]]:
+    """The tables (or lists of numbers) that hold a key, and its name (or place) in them."""
     *way, name = key.split(".")
     if not way or not all([*way, name]):
         raise KeyError(key)
     for table in _tables(scenario, way, key):
-        if isinstance(table.get(name), dict | list):
+        place: str | int = name
+        if isinstance(table, list):
+            if not (name.isdecimal() and 1 <= int(name) <= len(table)):
+                raise KeyError(key)
+            place = int(name) - 1
+        if isinstance(_in(table, place), dict | list):
             raise KeyError(key)
-        yield table, name
+        yield table, place
 
 
-def _tables(table: Any, way: list[str], key: str) -> Iterator[dict[str, Any]]:
+def _tables(table: Any, way: list[str], key: str) -> Iterator[Any]:
+    if not isinstance(table, dict | list):
+        raise KeyError(key)
     if not way:
-        if not isinstance(table, dict):
-            raise KeyError(key)
         yield table
         return
     first, *rest = way
     if isinstance(table, list):
         for item in _items(table, first, key):
             yield from _tables(item, rest, key)
-    elif isinstance(table, dict):
+    else:
         # A table that is not written may be made: `breakdown.field` of a balloon without one.
         yield from _tables(table.setdefault(first, {}), rest, key)
-    else:
-        raise KeyError(key)
 
 
 def _items(items: list[Any], name: str, key: str) -> list[Any]:
@@ -97,7 +103,8 @@ def all_keys(scenario: Scenario) -> dict[str, Any]:
     _collect(scenario.model_dump(mode="json", by_alias=True), "", found)
     written: dict[str, Any] = {}
     _collect(scenario.to_dict(), "", written)
-    return {**found, **written}  # as written: 2 kPa, not what it is read as
+    # As written: 2 kPa, not what it is read as. What has no table is no number, but title and source.
+    return {key: value for key, value in {**found, **written}.items() if "." in key}
 
 
 def _collect(value: Any, prefix: str, found: dict[str, Any]) -> None:
