@@ -67,6 +67,50 @@ def test_from_scratch(benchmark, workers, tmp_path):
     benchmark.pedantic(lambda: run_sweep(SWEEP, tmp_path / f"{next(numbers)}", workers=workers), rounds=3)
 
 
+def test_cpu_time(tmp_path):
+    """CPU seconds of parent and workers: what a busy machine can still tell of cost and scaling."""
+    resource = pytest.importorskip("resource")
+    numbers = iter(range(100))
+    two = read_sweep({"scenario": BASE, "vary": {KEY: [0.015, 0.0151]}})
+
+    def spent(work):
+        """Of this process, and of processes it started and saw end."""
+        who = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+        before = [resource.getrusage(one) for one in who]
+        work()
+        after = [resource.getrusage(one) for one in who]
+        return [b.ru_utime + b.ru_stime - a.ru_utime - a.ru_stime for a, b in zip(before, after, strict=True)]
+
+    def sweep(what=SWEEP, **how):
+        run_sweep(what, tmp_path / f"{next(numbers)}", **how)
+
+    loop()
+    rounds = []
+    for _ in range(3):
+        alone, here, spread, start = (
+            spent(work)
+            for work in (
+                loop,
+                lambda: sweep(executor=Here(), chunk=10),
+                lambda: sweep(workers=2, chunk=10),
+                lambda: sweep(two, workers=2),
+            )
+        )
+        rounds.append([alone[0], here[0], spread[0], spread[1] - start[1], start[1]])
+    alone, here, parent, workers, start = np.median(rounds, axis=0)
+    per = 1e3 / HISTORIES
+    print(
+        f"\nCPU time of a history: {alone * per:.2f} ms in a loop, {here * per:.2f} ms in a sweep, ", end=""
+    )
+    print(
+        f"{(parent + workers) * per:.2f} ms on two workers, of which {parent * per:.2f} ms are the parent's;"
+    )
+    print(
+        f"overhead {here / alone - 1:.1%}, worth of two cores {2 * here / (parent + workers):.2f}; ", end=""
+    )
+    print(f"starting two workers {start:.2f} s")
+
+
 def test_memory_of_a_sweep_is_flat(tmp_path):
     """Resident memory of parent and workers over many cheap runs; not a timing, so it asserts."""
     if not Path("/proc/self/statm").exists():

@@ -12,6 +12,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from simulator.plot.style import BLACK, COLOURS, PRESSURE, VOLTAGE, png
 
@@ -123,8 +124,8 @@ def plot_map(
         drawn = _draw_panel(
             ax, columns[x][chosen], columns[y][chosen], painter, columns[color][chosen], x in log, y in log
         )
-        for i, curve in enumerate(curve for curve in curves if curve.panel in (None, value)):
-            ax.plot(curve.x, curve.y, color=BLACK, linewidth=1.5, linestyle=_LINES[i % len(_LINES)])
+        for curve in (curve for curve in curves if curve.panel in (None, value)):
+            ax.plot(curve.x, curve.y, color=BLACK, linewidth=1.5, linestyle=_line(curve.label, curves))
         for mark in (mark for mark in marks if mark.panel in (None, value)):
             ax.plot(mark.x, mark.y, "o", color=BLACK, markeredgecolor="white", markersize=5.5)
             ax.annotate(mark.label, (mark.x, mark.y), (5, 4), textcoords="offset points", parse_math=False)
@@ -164,6 +165,12 @@ def draw_map_png(*words: Any, dots_per_inch: float = 150.0, **more: Any) -> byte
 
 
 _LINES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.5)), (0, (5, 2, 1, 2)))
+
+
+def _line(label: str, curves: Sequence[MapCurve]) -> Any:
+    """The dashes of a curve: the same for all of one label."""
+    labels = list(dict.fromkeys(curve.label for curve in curves))
+    return _LINES[labels.index(label) % len(_LINES)]
 
 
 @dataclass(frozen=True)
@@ -207,10 +214,9 @@ class _Painter:
             Patch(facecolor=colour, edgecolor="#7F7F7F", linewidth=0.5, label=words)
             for colour, words in (self.categories or {}).values()
         ]
-        for i, label in enumerate(dict.fromkeys(curve.label for curve in curves)):
-            handles.append(
-                Line2D([], [], color=BLACK, linewidth=1.5, linestyle=_LINES[i % len(_LINES)], label=label)
-            )
+        for label in dict.fromkeys(curve.label for curve in curves):
+            style = _line(label, curves)
+            handles.append(Line2D([], [], color=BLACK, linewidth=1.5, linestyle=style, label=label))
         return handles
 
 
@@ -235,10 +241,12 @@ def _draw_panel(
         )
     else:
         drawn = ax.scatter(x, y, c=numbers, s=14, linewidths=0.0, **painter.style)
-    if log_x:
-        ax.set_xscale("log")
-    if log_y:
-        ax.set_yscale("log")
+    for wanted, axis, scale in ((log_x, ax.xaxis, ax.set_xscale), (log_y, ax.yaxis, ax.set_yscale)):
+        if wanted:
+            scale("log")
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axis.set_minor_formatter(NullFormatter())
     return drawn
 
 
