@@ -167,6 +167,24 @@ def test_sensitivities_as_columns(tmp_path):
     assert math.isnan(found[1])  # state C has no limit point
 
 
+def test_a_run_without_sensitivities_keeps_its_other_numbers(monkeypatch):
+    def none(*words):
+        raise ArithmeticError("the state is no limit point")
+
+    monkeypatch.setattr("simulator.sensitivity.sensitivities", none)
+    definition = {
+        "scenario": str(FIG3C),
+        "vary": {"step.1.inflate": [1.2]},
+        "record": {"sensitivities": True},
+    }
+    row = play(read_sweep(definition).job, 0, (1.2,))
+    assert (row["behaviour"], row["error"]) == (
+        "snap_returns",
+        "no sensitivities: the state is no limit point",
+    )
+    assert row["loop_work"] == pytest.approx(40.830526, abs=5e-7)
+
+
 # --- what is played ---
 
 

@@ -123,7 +123,7 @@ def play(job: Job, index: int, values: Sequence[Value]) -> dict[str, Any]:
         history = _played(job, with_values(job.scenario, written), row)
         row |= facts(history, job.recorded.limit_points)
         if job.recorded.sensitivities:
-            row |= _sensitivities(history, job)
+            row |= _sensitivities(history, job)  # what they lack is said in `error`; the rest stands
     except ScenarioError as error:
         row |= {"outcome": "refused", "behaviour": "refused", "error": str(error).removeprefix("<dict>: ")}
     except SolverError as error:
@@ -261,12 +261,13 @@ def _played_step(history: History, number: int) -> object:
     return next(step for i, step in enumerate(history.scenario.played_steps(), start=1) if i == number)
 
 
-def _sensitivities(history: History, job: Job) -> dict[str, float]:
+def _sensitivities(history: History, job: Job) -> dict[str, Any]:
     from simulator.sensitivity import sensitivities
 
     inflating = _inflating(history)
     turns = [e for e in history.events if e.kind is EventKind.LIMIT_POINT and e.step not in inflating]
-    return {
-        SENSITIVITY.format(of=found.of, key=found.key): found.derivative
-        for found in (sensitivities(history, turns[0], job.recorded.sensitivities) if turns else ())
-    }
+    try:
+        found = sensitivities(history, turns[0], job.recorded.sensitivities) if turns else ()
+    except (ArithmeticError, ScenarioError) as error:
+        return {"error": f"no sensitivities: {error}"}
+    return {SENSITIVITY.format(of=one.of, key=one.key): one.derivative for one in found}
