@@ -20,6 +20,7 @@ from simulator.files import OutputError
 from simulator.scenario import ScenarioError
 from simulator.sweep import ExecutorError, load_sweep, load_table, read_sweep, run_sweep
 from simulator.sweep.rows import Task, play_chunk
+from simulator.sweep.storage import fair_chunk
 from tests.sweeps import CHEAP, FIG3C, FIG5B, ROOT, Here, balloons, lines, swept
 
 # --- what is on disk ---
@@ -380,3 +381,11 @@ def test_a_worker_of_another_version_is_refused():
         RuntimeError, match=r"the sweep was started by 0\.0\.1; install the same version everywhere"
     ):
         play_chunk(other, Task(0, 0, ((0.1,),)))
+
+
+@pytest.mark.parametrize(
+    ("size", "workers", "chunk"),
+    [(1, 1, 1), (20, 2, 1), (200, 2, 4), (800, 64, 4), (20_000, 2, 100), (10**6, 512, 1000), (5, 64, 1)],
+)
+def test_chunks_leave_every_worker_some(size, workers, chunk):
+    assert fair_chunk(size, workers) == chunk

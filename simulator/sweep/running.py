@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 from simulator.scenario import Problem, ScenarioError
 from simulator.sweep.rows import Task, as_text, columns, failure, play_chunk
-from simulator.sweep.storage import Store, alone, open_store
+from simulator.sweep.storage import Store, alone, fair_chunk, open_store
 
 if TYPE_CHECKING:
     from simulator.sweep.plan import Job, Sweep
@@ -108,7 +108,8 @@ def run_sweep(
     """
     started = time.perf_counter()
     count = workers or usable_cores()
-    store = open_store(sweep, Path(directory), resume=resume, chunk=chunk)
+    size = chunk or fair_chunk(sweep.size, count)
+    store = open_store(sweep, Path(directory), resume=resume, chunk=size)
     with alone(store.directory):
         ready = store.done()
         before = store.rows_of(ready)

@@ -34,8 +34,9 @@ if TYPE_CHECKING:
 RECORD, TABLE, PARQUET, CHUNKS = "sweep.json", "sweep.csv", "sweep.parquet", "chunks"
 LOCK = ".lock"
 
-_ROWS_IN_ALL = 200  # chunks that a small sweep is cut into
-_MOST_ROWS = 1000  # rows of a chunk of a large one
+_CHUNKS_IN_ALL = 200  # that a sweep is cut into, or more
+_FEW_ROWS = 4  # of a chunk of a small sweep
+_MOST_ROWS = 1000  # of a chunk of a large one
 _GROUP = 1 << 23  # bytes of text that make a row group of the Parquet file
 
 
@@ -107,7 +108,13 @@ class Store:
         return [path for name in (RECORD, TABLE, PARQUET) if (path := self.directory / name).is_file()]
 
 
-def open_store(sweep: Sweep, directory: Path, *, resume: bool, chunk: int | None) -> Store:
+def fair_chunk(size: int, workers: int) -> int:
+    """Runs of a chunk: few enough that all workers have some to the end, enough to be worth a file."""
+    small = min(_FEW_ROWS, size // (8 * workers))
+    return max(1, small, min(_MOST_ROWS, size // _CHUNKS_IN_ALL))
+
+
+def open_store(sweep: Sweep, directory: Path, *, resume: bool, chunk: int) -> Store:
     """The store of a sweep in a directory: a new one, or to go on with, the one that is there.
 
     Raises
@@ -124,7 +131,7 @@ def open_store(sweep: Sweep, directory: Path, *, resume: bool, chunk: int | None
         return _resumed(sweep, directory, kinds) if resume else _taken(directory)
     if (directory / TABLE).exists() or (directory / CHUNKS).exists():
         raise OutputError(f"cannot write to {str(directory)!r}: has results of a sweep but no {RECORD}")
-    store = Store(directory, sweep.size, chunk or max(1, min(_MOST_ROWS, sweep.size // _ROWS_IN_ALL)), kinds)
+    store = Store(directory, sweep.size, chunk, kinds)
     content = {
         "title": sweep.title,
         "runs": sweep.size,
