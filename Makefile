@@ -34,7 +34,7 @@ check: $(INSTALLED)
 
 bench: $(INSTALLED)
 	$(BIN)/python -m pytest benchmarks --benchmark-only
-	$(BIN)/python -m pytest benchmarks -k memory
+	$(BIN)/python -m pytest benchmarks -k "memory or reach or cpu" -s
 
 # The mark is made last, so that an interrupted installation is done again.
 $(INSTALLED): pyproject.toml

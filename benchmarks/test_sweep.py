@@ -7,6 +7,7 @@ session only, medians with medians; two workers need two idle cores to be worth 
 from __future__ import annotations
 
 import os
+import time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import active_children, get_context
 from pathlib import Path
@@ -65,6 +66,37 @@ def test_scaling(benchmark, workers, tmp_path):
 def test_from_scratch(benchmark, workers, tmp_path):
     numbers = iter(range(100))
     benchmark.pedantic(lambda: run_sweep(SWEEP, tmp_path / f"{next(numbers)}", workers=workers), rounds=3)
+
+
+def test_reach(tmp_path):
+    """Loop, sweep, one worker and two in turn, so that whatever else the machine does meets all alike."""
+    numbers = iter(range(1000))
+
+    def seconds(**how):
+        started = time.perf_counter()
+        run_sweep(SWEEP, tmp_path / f"{next(numbers)}", **how) if how else loop()
+        return time.perf_counter() - started
+
+    with warm(1, tmp_path / "a") as one, warm(2, tmp_path / "b") as two:
+        loop()
+        rounds = np.array(
+            [
+                [
+                    seconds(),
+                    seconds(executor=Here()),
+                    seconds(executor=one, workers=1),
+                    seconds(executor=two, workers=2),
+                ]
+                for _ in range(5)
+            ]
+        )
+    alone, here, single, double = rounds.T
+    print(f"\noverhead {np.median(here / alone) - 1:.1%}; ", end="")
+    print(
+        f"two workers over one {np.median(single / double):.2f}, by round {np.round(single / double, 2)}; ",
+        end="",
+    )
+    print(f"histories a second {HISTORIES / np.median(double):.0f}, at best {HISTORIES / double.min():.0f}")
 
 
 def test_cpu_time(tmp_path):
