@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from simulator.curve import Curve, FoldCurve
     from simulator.explanation import explain
     from simulator.files import OutputError
-    from simulator.history import EnergyBalance, Event, EventKind, History, Outcome, SolverStatistics
+    from simulator.history import EnergyBalance, Event, EventKind, History, Outcome, SolverStatistics, Verdict
     from simulator.path import PathError
     from simulator.scenario import Scenario, ScenarioError, load_scenario
     from simulator.simulation import SolverError, simulate
@@ -37,6 +37,7 @@ __all__ = [
     "ScenarioError",
     "SolverError",
     "SolverStatistics",
+    "Verdict",
     "explain",
     "load_scenario",
     "simulate",
@@ -56,6 +57,7 @@ _HOME = {
     "ScenarioError": "scenario",
     "SolverError": "simulation",
     "SolverStatistics": "history",
+    "Verdict": "history",
     "explain": "explanation",
     "load_scenario": "scenario",
     "simulate": "simulation",

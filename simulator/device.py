@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from simulator.drive import VoltageLine
 from simulator.elastomer import Elastomer, Gent, NeoHookean
 from simulator.model import AnyMembrane, ElectrodedMembrane, Membrane, OpenBalloon, SealedBalloons
+from simulator.strength import ConstantStrength, PowerStrength, Strength
 
 if TYPE_CHECKING:
     from simulator.scenario import Balloon, Scenario
@@ -24,8 +25,8 @@ FloatArray = NDArray[np.float64]
 class Device:
     """The balloons of a scenario, arrays of shape (n_balloons,).
 
-    `electroded` are the indices of the balloons with electrodes, `strength` their breakdown fields (None
-    where the scenario names none).
+    `electroded` are the indices of the balloons with electrodes, `strength` the dielectric strengths of
+    their films (None where the scenario names none).
     """
 
     names: tuple[str, ...]
@@ -35,7 +36,7 @@ class Device:
     modulus: FloatArray
     permittivity: FloatArray
     electroded: tuple[int, ...]
-    strength: tuple[float | None, ...]
+    strength: tuple[Strength | None, ...]
     ambient: float
 
     @classmethod
@@ -51,7 +52,7 @@ class Device:
             modulus=np.array([b.modulus for b in balloons]),
             permittivity=np.array([b.permittivity for b in balloons]),
             electroded=electroded,
-            strength=tuple(b.breakdown.field if (b := balloons[i]).breakdown else None for i in electroded),
+            strength=tuple(_strength(balloons[i]) for i in electroded),
             ambient=scenario.gas.ambient_pressure,
         )
 
@@ -116,6 +117,20 @@ class Device:
         """True electric fields φλ²/h, (n, n_electroded), over √(μ/ε)."""
         chosen = list(self.electroded)
         return np.asarray(voltage * stretch[:, chosen] ** 2 / self.thickness[chosen])
+
+    @cached_property
+    def rated(self) -> tuple[int, ...]:
+        """Places, among the electroded balloons, of those whose film has a strength."""
+        return tuple(place for place, strength in enumerate(self.strength) if strength is not None)
+
+    def breakdown_field(self, stretch: FloatArray) -> FloatArray:
+        """Strengths E_b of the films that have one, (n, n_rated), over √(μ/ε)."""
+        fields = np.empty((len(stretch), len(self.rated)))
+        for column, place in enumerate(self.rated):
+            strength = self.strength[place]
+            assert strength is not None
+            fields[:, column] = strength.at(stretch[:, self.electroded[place]])
+        return fields
 
     def charge(self, stretch: FloatArray, voltage: FloatArray) -> FloatArray:
         """Charges r²(e/h)φλ⁴, (n, n_electroded), over 4πR²√(εμ)."""
@@ -183,6 +198,17 @@ def smallest_eigenvalue(diagonal: FloatArray, coupling: FloatArray, arms: FloatA
     index = np.arange(count)
     matrices[:, index, index] += diagonal
     return np.asarray(np.linalg.eigvalsh(matrices)[:, 0])
+
+
+def _strength(balloon: Balloon) -> Strength | None:
+    chosen = balloon.breakdown
+    if chosen is None:
+        return None
+    if chosen.law == "power":
+        return PowerStrength.from_thickness(
+            chosen.field, chosen.stretch_exponent, chosen.thickness_exponent, balloon.thickness
+        )
+    return ConstantStrength(chosen.field)
 
 
 def _elastomer(balloon: Balloon) -> Elastomer:

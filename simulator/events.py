@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from simulator.elastomer import Number
 from simulator.model import ElectrodedMembrane, Equations, OpenBalloon, SealedBalloons, State
+from simulator.strength import Strength
 
 FloatArray = NDArray[np.float64]
 
@@ -32,11 +33,11 @@ class Condition:
 
 
 def conditions(
-    equations: SealedBalloons | OpenBalloon, strengths: Sequence[float | None]
+    equations: SealedBalloons | OpenBalloon, strengths: Sequence[Strength | None]
 ) -> tuple[Condition, ...]:
     """The conditions that apply to a set of equations, stability first.
 
-    `strengths` are the breakdown fields of its balloons, None where there is none.
+    `strengths` are those of its balloons' films, None where there is none.
     """
     found = [stability(equations)]
     if isinstance(equations, SealedBalloons):
@@ -87,12 +88,12 @@ def tension(equations: SealedBalloons) -> Condition:
     return Condition("loss_of_tension", lambda y: y[place], slope)
 
 
-def intactness(membrane: ElectrodedMembrane, place: int, strength: float) -> Condition:
+def intactness(membrane: ElectrodedMembrane, place: int, strength: Strength) -> Condition:
     """1 − (E/E_b)² of one electroded balloon; at zero its film breaks down."""
 
     def margin(y: State) -> Number:
-        field = membrane.field(y[place], y[-1]) / strength
-        return 1.0 - field * field
+        share = membrane.field(y[place], y[-1]) / strength.at(y[place])
+        return 1.0 - share * share
 
     def slope(y: FloatArray) -> FloatArray:
         return np.asarray(np.imag(margin(_complex_steps(y))) / _STEP)

@@ -11,12 +11,13 @@ from simulator import assembly
 from simulator.device import Device
 from simulator.model import ElectrodedMembrane, Membrane, SealedBalloons
 from simulator.scenario import Hold, Inflate, Jump, duration
+from simulator.strength import PowerStrength
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from simulator.assembly import Group
-    from simulator.scenario import PlayedStep, Scenario
+    from simulator.scenario import ConstantBreakdown, PlayedStep, PowerBreakdown, Scenario
 
 _MOST_STEPS = 24
 
@@ -46,6 +47,8 @@ def _lines(scenario: Scenario) -> Iterator[str]:
         sizes = f"r = {balloon.radius:g}, h = {balloon.thickness:g}, k = {balloon.modulus:g}"
         electrodes = f", electrodes, e = {balloon.permittivity:g}" if balloon.electrodes else ""
         yield f"  {balloon.name}: {sizes}{electrodes}; {elastomer}"
+        if balloon.breakdown:
+            yield f"    its film breaks down at {_breakdown_law(balloon.breakdown, balloon.thickness)}"
     yield ""
     yield "Steps"
     voltage: Sequence[float] = [0.0] * len(device.electroded)
@@ -81,6 +84,14 @@ def _lines(scenario: Scenario) -> Iterator[str]:
     yield ""
     yield "Left out"
     yield from (f"  {reason}" for reason in _left_out(scenario, steps, seen))
+
+
+def _breakdown_law(law: ConstantBreakdown | PowerBreakdown, thickness: float) -> str:
+    if law.law == "constant":
+        return f"φλ²/h = {law.field:g}"
+    known = PowerStrength.from_thickness(law.field, law.stretch_exponent, law.thickness_exponent, thickness)
+    written = f"{law.field:g} λ^{law.stretch_exponent:g} (h λ⁻²)^{law.thickness_exponent:g}"
+    return f"φλ²/h = {written} = {known.field:g} λ^{known.exponent:g}"
 
 
 def _step(number: int, step: PlayedStep, pieces: int, groups: list[Group], device: Device) -> Iterator[str]:

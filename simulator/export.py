@@ -52,7 +52,7 @@ def history_columns(history: History) -> Columns:
     dict of str to (n_samples,) array
         `time`, `step`, `branch`, `voltage_<name>` of each electroded balloon, `stretch_<name>` of
         each balloon, `pressure`, `volume`, `gas`, `field_<name>`, `charge_<name>`, `energy`,
-        `stability`. Dimensionless, see `History`.
+        `stability`, `margin_<name>` of each film with a strength. Dimensionless, see `History`.
     """
     return {
         "time": history.time,
@@ -67,6 +67,7 @@ def history_columns(history: History) -> Columns:
         **_by_name("charge", history.electroded, history.charge),
         "energy": history.energy,
         "stability": history.stability,
+        **_by_name("margin", history.rated, history.margin),
     }
 
 
@@ -231,6 +232,7 @@ def run_record(history: History, failure: str | None = None) -> dict[str, Any]:
             "events": len(history.events),
             "events_by_kind": dict(Counter(event.kind.value for event in history.events)),
         },
+        **({"films": [asdict(verdict) for verdict in history.verdicts]} if history.rated else {}),
         "energy_balance": {**asdict(balance), "relative_imbalance": balance.relative_imbalance},
         "statistics": asdict(history.statistics),
         "scenario": scenario.to_dict(),

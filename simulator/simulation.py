@@ -455,6 +455,7 @@ class _Run:
             np.concatenate(rows.is_open),
         )
         volume, charge = device.volume(stretch), device.charge(stretch, voltage)
+        true_field, strength = device.field(stretch, voltage), device.breakdown_field(stretch)
         books = EnergyBalance(
             self.electrical_work,
             self.gas_work,
@@ -476,7 +477,7 @@ class _Run:
             pressure=pressure,
             volume=volume,
             gas=gas,
-            field=device.field(stretch, voltage),
+            field=true_field,
             charge=charge,
             energy=device.energy(stretch, pressure, voltage, gas, is_open),
             stability=device.stability(stretch, pressure, voltage, gas, is_open),
@@ -492,4 +493,7 @@ class _Run:
                 sum(event.kind in (EventKind.LIMIT_POINT, EventKind.BRANCH_POINT) for event in self.events),
                 time.perf_counter() - self.started,
             ),
+            rated=tuple(self.scenario.electroded[place] for place in device.rated),
+            strength=strength,
+            margin=1.0 - np.abs(true_field[:, list(device.rated)]) / strength,
         )

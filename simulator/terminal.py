@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from simulator.curve import Curve, FoldCurve
-    from simulator.history import Event, FloatArray, History
+    from simulator.history import Event, FloatArray, History, Verdict
 
 EVENTS_SHOWN = 20
 
@@ -75,10 +75,22 @@ def summarise_run(history: History, paths: list[Path]) -> None:
             print(f"         … and {hidden} more, in events.csv")
     else:
         print("events   none")
+    for verdict in history.verdicts:
+        print(f"film     {_told(verdict)}")
     balance, statistics = history.energy_balance, history.statistics
     print(f"energy   closes to {balance.relative_imbalance:.1e} of the work exchanged")
     print(f"cost     {statistics.seconds:.3f} s, {statistics.ida_steps} IDA steps, {len(history)} samples")
     print(f"files    {paths[0].parent}: {', '.join(path.name for path in paths)}")
+
+
+def _told(verdict: Verdict) -> str:
+    """How a film fared, in words."""
+    where = f"at time {verdict.time:.7g}, step {verdict.step}"
+    field = f"field {_short(verdict.field)}, strength {_short(verdict.strength)}"
+    if verdict.broke:
+        during = {"path": "on the path", "snap": "in the snap", "jump": "at the jump"}[verdict.broke]
+        return f"{verdict.balloon}: broke {during} {where}: {field}"
+    return f"{verdict.balloon}: survived; closest {where}: {field}, margin {verdict.margin:.3g}"
 
 
 def summarise_trace(curves: Sequence[Curve], paths: list[Path], *, asked: bool) -> None:

@@ -12,6 +12,7 @@ from simulator.drive import VoltageLine
 from simulator.events import conditions, softest_mode, stability
 from simulator.model import ElectrodedMembrane, Membrane
 from simulator.scenario import load_scenario
+from simulator.strength import ConstantStrength, PowerStrength
 
 STEP = 1e-30
 
@@ -115,7 +116,7 @@ def test_margins_of_arrays_are_those_of_floats():
     for system in SYSTEMS.values():
         count = len(system.walls)
         y = np.array([state_of(system, [x, x + 0.3, x + 0.8], 0.5, 0.1) for x in (1.1, 2.0, 3.0)]).T
-        for condition in conditions(system, [9.0] * count):
+        for condition in conditions(system, [PowerStrength(9.0, 0.4)] * count):
             each = [condition.margin(column.tolist()) for column in y.T]
             assert np.asarray(condition.margin(y)) == pytest.approx(each, rel=1e-12, abs=1e-13)
 
@@ -140,15 +141,16 @@ def test_only_what_moves_has_electrical_terms():
 
 def test_conditions_are_those_that_apply():
     three = device()
-    strengths = [9.0, None, None]
+    nine = ConstantStrength(9.0)
+    strengths = [nine, None, None]
     line = VoltageLine.common(2)
     assert [c.kind for c in conditions(three.sealed(1.0, line), strengths)] == [
         "limit_point",
         "loss_of_tension",
         "breakdown",
     ]
-    assert [c.kind for c in conditions(three.inflated(0, [0.0, 0.0]), [9.0])] == ["limit_point"]
-    assert [c.kind for c in conditions(three.actuated(0, 0.5, line), [9.0])] == ["limit_point", "breakdown"]
+    assert [c.kind for c in conditions(three.inflated(0, [0.0, 0.0]), [nine])] == ["limit_point"]
+    assert [c.kind for c in conditions(three.actuated(0, 0.5, line), [nine])] == ["limit_point", "breakdown"]
 
 
 @given(

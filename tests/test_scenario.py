@@ -194,8 +194,45 @@ REFUSED = [
     (
         "field = 12.0",
         "field = 12, x = 1",
-        [("balloon.active.breakdown.x", 1, "unknown key, allowed here: field")],
+        [("balloon.active.breakdown.x", 1, "unknown key, allowed here: law, field")],
     ),
+    (
+        "field = 12.0",
+        'law = "weibull", field = 12.0',
+        [("balloon.active.breakdown.law", "weibull", 'must be "constant" or "power"')],
+    ),
+    (
+        "field = 12.0",
+        'law = "power", field = 12.0',
+        [
+            ("balloon.active.breakdown.stretch_exponent", None, "is missing, must be a number"),
+            ("balloon.active.breakdown.thickness_exponent", None, "is missing, must be a number"),
+        ],
+    ),
+    (
+        "field = 12.0",
+        'law = "power", field = -1, stretch_exponent = inf, thickness_exponent = 0, exponent = 1',
+        [
+            ("balloon.active.breakdown.field", -1, "must be a number > 0"),
+            ("balloon.active.breakdown.stretch_exponent", np.inf, "must be a finite number"),
+            (
+                "balloon.active.breakdown.exponent",
+                1,
+                "unknown key, allowed here: law, field, stretch_exponent, thickness_exponent",
+            ),
+        ],
+    ),
+    (
+        "breakdown = { field = 12.0 }",
+        "breakdown = 12.0",
+        [("balloon.active.breakdown", 12.0, "must be a table such as { field = 12 }")],
+    ),
+    (
+        "field = 12.0",
+        'law = "constant"',
+        [("balloon.active.breakdown.field", None, "is missing, must be a number > 0")],
+    ),
+    ("{ field = 12.0 }", "{}", [("balloon.active.breakdown", {}, "must be a table such as { field = 12 }")]),
     (RAMP, "ramp = 0.2\novr = 10", [("step.2.ovr", 10, "unknown key, allowed here: ramp, over, valve")]),
     (RAMP, "jump = 0.2\nover = 10", [("step.2.over", 10, "unknown key, allowed here: jump, valve")]),
     (HOLD, "hold = 5, over = 1", [("step.3.steps.1.over", 1, "unknown key, allowed here: hold, valve")]),
@@ -593,7 +630,18 @@ elastomer = st.fixed_dictionaries({"model": st.just("gent"), "J_lim": positive})
 )
 active = st.fixed_dictionaries(
     {"name": st.just("a"), "electrodes": st.just(True), "elastomer": elastomer},
-    optional={**ratios, "breakdown": st.fixed_dictionaries({"field": positive})},
+    optional={
+        **ratios,
+        "breakdown": st.fixed_dictionaries({"field": positive}, optional={"law": st.just("constant")})
+        | st.fixed_dictionaries(
+            {
+                "law": st.just("power"),
+                "field": positive,
+                "stretch_exponent": number,
+                "thickness_exponent": number,
+            }
+        ),
+    },
 )
 passive = st.fixed_dictionaries(
     {"name": st.sampled_from(["b", "β", "_b1"]), "elastomer": elastomer}, optional=ratios

@@ -6,7 +6,16 @@ in its `description` what it allows; the messages are made from these, so the tw
 """
 
 from simulator.scenario.checks import MAX_SAMPLES
-from simulator.scenario.device import Balloon, Breakdown, Elastomer, Gas, Gent, NeoHookean
+from simulator.scenario.device import (
+    Balloon,
+    Breakdown,
+    ConstantBreakdown,
+    Elastomer,
+    Gas,
+    Gent,
+    NeoHookean,
+    PowerBreakdown,
+)
 from simulator.scenario.document import Output, Scenario, Solver, load_scenario
 from simulator.scenario.errors import Problem, ScenarioError
 from simulator.scenario.steps import (
@@ -29,6 +38,7 @@ __all__ = [
     "MAX_SAMPLES",
     "Balloon",
     "Breakdown",
+    "ConstantBreakdown",
     "Cycle",
     "Elastomer",
     "Gas",
@@ -39,6 +49,7 @@ __all__ = [
     "NeoHookean",
     "Output",
     "PlayedStep",
+    "PowerBreakdown",
     "Problem",
     "Ramp",
     "Scenario",

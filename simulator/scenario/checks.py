@@ -26,7 +26,11 @@ def disagreements(scenario: Scenario) -> Iterator[Problem]:
             yield Problem(f"balloon.{index + 1}.name", balloon.name, allowed)
         if balloon.breakdown and not balloon.electrodes:
             key = f"balloon.{balloon.name}.breakdown"
-            yield Problem(key, balloon.breakdown.model_dump(), "needs electrodes = true on this balloon")
+            yield Problem(
+                key,
+                balloon.breakdown.model_dump(exclude_unset=True),
+                "needs electrodes = true on this balloon",
+            )
     for key, step in numbered(scenario.steps, "step"):
         if isinstance(step, Inflate | Hold | Cycle):
             continue

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo
 
-from simulator.scenario.fields import Chosen, Frozen, NonNegative, Positive, refused
+from simulator.scenario.fields import Chosen, Frozen, NonNegative, Number, Positive, refused
 
 
 class Gas(Frozen):
@@ -42,10 +42,41 @@ def _elastomer(value: Any, _: ValidationInfo) -> Gent | NeoHookean:
 Elastomer = Annotated[Gent | NeoHookean, Chosen(_elastomer), Field(description="a table with the model")]
 
 
-class Breakdown(Frozen):
+class ConstantBreakdown(Frozen):
     """Dielectric breakdown at the true field `field`, in units of √(μ/ε)."""
 
+    law: Annotated[Literal["constant"], Field(description='"constant" or "power"')] = "constant"
     field: Positive
+
+
+class PowerBreakdown(Frozen):
+    """Dielectric breakdown at the true field `field`·λ^`stretch_exponent`·(h/H)^`thickness_exponent`.
+
+    λ is the stretch, h the present thickness of the film and H the reference balloon's unstretched one.
+    """
+
+    law: Annotated[Literal["power"], Field(description='"constant" or "power"')]
+    field: Positive
+    stretch_exponent: Number
+    thickness_exponent: Number
+
+
+def _breakdown(value: Any, _: ValidationInfo) -> ConstantBreakdown | PowerBreakdown | None:
+    match value:
+        case None:
+            return None
+        case {"law": "power"}:
+            return PowerBreakdown.model_validate(value)
+        case {"field": _} | {"law": _}:
+            return ConstantBreakdown.model_validate(value)
+    raise refused("must be a table such as { field = 12 }", value)
+
+
+Breakdown = Annotated[
+    ConstantBreakdown | PowerBreakdown | None,
+    Chosen(_breakdown),
+    Field(description="a table such as { field = 12 }"),
+]
 
 
 class Balloon(Frozen):
@@ -65,5 +96,5 @@ class Balloon(Frozen):
     modulus: Positive = 1.0
     permittivity: Positive = 1.0
     electrodes: Annotated[bool, Field(strict=True, description="true or false")] = False
-    breakdown: Annotated[Breakdown | None, Field(description="a table such as { field = 12 }")] = None
+    breakdown: Breakdown = None
     elastomer: Elastomer
