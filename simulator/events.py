@@ -95,13 +95,15 @@ def intactness(membrane: ElectrodedMembrane, place: int, strength: Strength) -> 
         share = membrane.field(y[place], y[-1]) / strength.at(y[place])
         return 1.0 - share * share
 
-    def slope(y: FloatArray) -> FloatArray:
-        return np.asarray(np.imag(margin(_complex_steps(y))) / _STEP)
-
-    return Condition("breakdown", margin, slope)
+    return Condition("breakdown", margin, lambda y: gradient(margin, y))
 
 
 _STEP = 1e-30
+
+
+def gradient(margin: Callable[[State], Number], y: FloatArray) -> FloatArray:
+    """Gradient of a smooth function of the state by complex steps, (n_unknowns,)."""
+    return np.asarray(np.imag(margin(_complex_steps(y))) / _STEP)
 
 
 def _complex_steps(y: FloatArray) -> NDArray[np.complex128]:

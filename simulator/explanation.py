@@ -7,11 +7,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from simulator import assembly
 from simulator.device import Device
 from simulator.model import ElectrodedMembrane, Membrane, SealedBalloons
-from simulator.scenario import Hold, Inflate, Jump, duration
+from simulator.scenario import Hold, Inflate, Jump, duration, until_of
 from simulator.strength import PowerStrength
+from simulator.until import Watch
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -69,6 +72,9 @@ def _lines(scenario: Scenario) -> Iterator[str]:
             groups = assembly.actuated(device, line, amount=1.0)
         moves = isinstance(step, Jump) or bool((waveform.values != waveform.values[0]).any())
         yield from _step(number, step, waveform.fractions.size - 1, groups if moves else [], device)
+        if until := until_of(step):
+            ends = " or ".join(Watch.over(until, device).labels)
+            yield f"     until      {ends}: the step ends there, if that comes first"
         first = line.at(float(waveform.values[0])).tolist()
         if not isinstance(step, Inflate | Hold | Jump) and first != voltage:
             yield f"     begins by a jump of the voltage to {waveform.values[0]:g}, as a jump step does"
@@ -80,7 +86,9 @@ def _lines(scenario: Scenario) -> Iterator[str]:
         if isinstance(step, Inflate):
             pressure = step.inflate
         elif not isinstance(step, Hold):
-            voltage = line.at(float(waveform.values[-1])).tolist()
+            # Where a step ends early is not known here; some voltage on the way stands for it.
+            end = float(waveform.at(np.array([0.4]))[0] if until_of(step) else waveform.values[-1])
+            voltage = line.at(end).tolist()
     yield ""
     yield "Left out"
     yield from (f"  {reason}" for reason in _left_out(scenario, steps, seen))

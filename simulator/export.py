@@ -232,6 +232,7 @@ def run_record(history: History, failure: str | None = None) -> dict[str, Any]:
             "events": len(history.events),
             "events_by_kind": dict(Counter(event.kind.value for event in history.events)),
         },
+        **({"until": [asdict(stop) for stop in history.stops]} if history.stops else {}),
         **({"films": [asdict(verdict) for verdict in history.verdicts]} if history.rated else {}),
         "energy_balance": {**asdict(balance), "relative_imbalance": balance.relative_imbalance},
         "statistics": asdict(history.statistics),

@@ -132,6 +132,15 @@ class Verdict:
 
 
 @dataclass(frozen=True)
+class Stop:
+    """How a step with `until` ended: `reached` says what ended it, None if nothing did before its time."""
+
+    step: int
+    time: float
+    reached: str | None
+
+
+@dataclass(frozen=True)
 class SolverStatistics:
     """What the run cost."""
 
@@ -164,6 +173,8 @@ class History:
     outcome : Outcome
     energy_balance : EnergyBalance
     statistics : SolverStatistics
+    stops : tuple of Stop
+        Of the steps with `until`.
     rated : tuple of str
         Names of the balloons whose film has a dielectric strength, in the order of the columns below.
     strength, margin : (n_samples, n_rated) arrays
@@ -189,6 +200,7 @@ class History:
     outcome: Outcome
     energy_balance: EnergyBalance
     statistics: SolverStatistics
+    stops: tuple[Stop, ...] = ()
     rated: tuple[str, ...] = ()
     strength: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
     margin: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 0)))

@@ -21,9 +21,10 @@ from simulator.branch import Branch
 from simulator.device import Device
 from simulator.drive import VoltageLine, Waveform
 from simulator.events import softest_mode
-from simulator.history import EnergyBalance, Event, EventKind, History, Outcome, SolverStatistics
+from simulator.history import EnergyBalance, Event, EventKind, History, Outcome, SolverStatistics, Stop
 from simulator.model import OpenBalloon
-from simulator.scenario import Hold, Inflate, duration
+from simulator.scenario import Hold, Inflate, duration, until_of
+from simulator.until import Watch, first_stop
 from simulator.walk import Atlas, Happening, Turn, Walk, by_time, loses_tension
 
 if TYPE_CHECKING:
@@ -119,6 +120,7 @@ class _Run:
         self.outcome = Outcome.COMPLETED
         self.rows = _Rows()
         self.events: list[Event] = []
+        self.stops: list[Stop] = []
         self.jumps = 0
         self.electrical_work = self.gas_work = self.stored = self.dissipated = 0.0
         self.started = time.perf_counter()
@@ -136,6 +138,9 @@ class _Run:
         self.number = number
         start, lasts = self.clock, duration(step)
         opens = isinstance(step, Inflate) or step.valve == "open"
+        ends = until_of(step)
+        watch = Watch.over(ends, self.device) if ends else None
+        before = self._distances(watch)
         if not self.rows.time:
             self.is_open = opens
             self._note_now()
@@ -148,14 +153,17 @@ class _Run:
             )
             if not isinstance(step, Inflate | Hold):
                 self._jump_to(line, float(waveform.values[0]))
-            if self.outcome is Outcome.COMPLETED and lasts > 0.0:
+            reached = self._passed(watch, before)
+            if self.outcome is Outcome.COMPLETED and lasts > 0.0 and reached is None:
                 inflates = isinstance(step, Inflate)
                 groups = (
                     assembly.inflating(self.device, self.voltage.tolist())
                     if inflates
                     else self._actuated(line)
                 )
-                self._move(groups, line, waveform, start, lasts)
+                reached = self._move(groups, line, waveform, start, lasts, watch)
+            if watch:
+                self.stops.append(Stop(number, self.clock, reached))
         if opens:
             self.amount = self._gas_now()
 
@@ -171,6 +179,20 @@ class _Run:
         """The present state as a group's unknowns, at drive coordinate v."""
         stretches = self.stretch[list(group.members)]
         return np.array([*stretches, self.pressure, v] if group.equations.has_pressure else [*stretches, v])
+
+    def _distances(self, watch: Watch | None) -> list[float]:
+        """How far the device is from each value that a step waits for."""
+        present = self.device, self.stretch, self.pressure, self.voltage
+        return [quantity.distance(*present) for quantity in watch.quantities] if watch else []
+
+    def _passed(self, watch: Watch | None, before: list[float]) -> str | None:
+        """The first value that a jump has passed over."""
+        passed = (a * b < 0.0 for a, b in zip(before, self._distances(watch), strict=True))
+        return (
+            next((q.label for q, p in zip(watch.quantities, passed, strict=True) if p), None)
+            if watch
+            else None
+        )
 
     # -- what changes at once ------------------------------------------------------------------------
 
@@ -220,17 +242,30 @@ class _Run:
     # -- what moves ----------------------------------------------------------------------------------
 
     def _move(
-        self, groups: list[Group], line: VoltageLine, waveform: Waveform, start: float, lasts: float
-    ) -> None:
-        """Walk all groups through the step, then read samples and events off their walks in order of time."""
+        self,
+        groups: list[Group],
+        line: VoltageLine,
+        waveform: Waveform,
+        start: float,
+        lasts: float,
+        watch: Watch | None,
+    ) -> str | None:
+        """Walk all groups through the step, then read samples and events off their walks in order of time.
+
+        Returns what ended the step before its time, if anything did.
+        """
         values = waveform.values
         if np.all(values == values[0]):
             groups = []
         v = float(values[0])
         walks = [self.atlas.walk(group, self._state(group, v), waveform) for group in groups]
+        stop = None
+        if watch is not None:
+            stop, walks = first_stop(watch, walks, waveform, _SAME_INSTANT)
         at = [walk.branch for walk in walks]
         since = [v] * len(walks)
-        fractions = self._grid(lasts)
+        last = stop.fraction if stop else 1.0
+        fractions = last * self._grid(last * lasts) if last else np.zeros(1)
         passed = 0.0
         for fraction, turns in by_time(walks, _SAME_INSTANT):
             between = (fractions > passed + _SAME_INSTANT) & (fractions < fraction - _SAME_INSTANT)
@@ -250,19 +285,26 @@ class _Run:
             if self.outcome is not Outcome.COMPLETED:
                 for place in set(range(len(walks))) - set(turns):
                     self._book_stay(walks[place], at[place], since[place], v)
-                return
+                return stop.reached if stop else None
         rest = fractions[fractions > passed + _SAME_INSTANT]
         failure = next((walk.failure for walk in walks if walk.failure is not None), None)
         if failure is not None:
             rest = rest[: _leading(rest, waveform, at)]
-        self._read(walks, at, line, waveform, rest, start, lasts)
+        end = stop.state if stop else None
+        self._read(walks, at, line, waveform, rest if end is None else rest[:-1], start, lasts)
         if failure is not None:
             self.clock = float(self.rows.time[-1][-1])
             raise failure
-        v = float(values[-1])
+        v = stop.v if stop else float(values[-1])
         for walk, branch, v0 in zip(walks, at, since, strict=True):
             self._book_stay(walk, branch, v0, v)
-        self.clock = start + lasts
+        self.clock = start + lasts * last
+        if end is not None:
+            states = [branch.state_at(v) for branch in at if branch is not None]
+            states[end[0]] = end[1]
+            self.stretch, self.pressure, self.voltage = self._instant(groups, line, states)
+            self._note_now()
+        return stop.reached if stop else None
 
     def _grid(self, lasts: float) -> FloatArray:
         """Fractions of a step at which samples are wanted."""
@@ -493,6 +535,7 @@ class _Run:
                 sum(event.kind in (EventKind.LIMIT_POINT, EventKind.BRANCH_POINT) for event in self.events),
                 time.perf_counter() - self.started,
             ),
+            stops=tuple(self.stops),
             rated=tuple(self.scenario.electroded[place] for place in device.rated),
             strength=strength,
             margin=1.0 - np.abs(true_field[:, list(device.rated)]) / strength,

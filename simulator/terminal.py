@@ -75,6 +75,11 @@ def summarise_run(history: History, paths: list[Path]) -> None:
             print(f"         … and {hidden} more, in events.csv")
     else:
         print("events   none")
+    for stop in history.stops[:EVENTS_SHOWN]:
+        how = f"ended at time {stop.time:.10g} by {stop.reached}" if stop.reached else "not reached"
+        print(f"until    step {stop.step}: {how}")
+    if len(history.stops) > EVENTS_SHOWN:
+        print(f"         … and {len(history.stops) - EVENTS_SHOWN} more, in run.json")
     for verdict in history.verdicts:
         print(f"film     {_told(verdict)}")
     balance, statistics = history.energy_balance, history.statistics

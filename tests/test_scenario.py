@@ -73,6 +73,8 @@ KINDS = "inflate, ramp, hold, jump, sine, triangle, table, cycle"
 VOLTAGE = "a number, or a table of one or more numbers by balloon name"
 A_NAME = "a name of letters, digits and _, no digit first"
 TOP = "title, source, gas, balloon, step, output, solver"
+VALUE = "a number > 0, or a table of one or more numbers > 0 by balloon name"
+ENDS = "a table with one or more of event, stretch, pressure, field"
 TOO_MANY = "must ask for at most 10,000,000 samples over the whole scenario"
 
 
@@ -130,6 +132,70 @@ REFUSED = [
     ("over = 10", "over = 0", [("step.2.over", 0, "must be a number > 0")]),
     (HOLD, "hold = 0", [("step.3.steps.1.hold", 0, "must be a number > 0")]),
     ("jump = 0.1", "jump = true", [("step.3.steps.2.steps.1.jump", True, f"must be {VOLTAGE}")]),
+    # until
+    ("over = 10", "until = 3", [("step.2.until", 3, f"must be {ENDS}")]),
+    ("over = 10", "until = {}", [("step.2.until", {}, f"must be {ENDS}")]),
+    (
+        "over = 10",
+        'until = { event = "breakdown" }',
+        [("step.2.until.event", "breakdown", 'must be "limit_point"')],
+    ),
+    (
+        "over = 10",
+        "until = { stretch = 0, pressure = -1, field = {} }",
+        [
+            ("step.2.until.stretch", 0, f"must be {VALUE}"),
+            ("step.2.until.pressure", -1, "must be a number > 0"),
+            ("step.2.until.field", {}, f"must be {VALUE}"),
+        ],
+    ),
+    (
+        "over = 10",
+        "until = { stretch = { active = -2 } }",
+        [("step.2.until.stretch.active", -2, "must be a number > 0")],
+    ),
+    (
+        "over = 10",
+        "until = { field = { active = inf } }",
+        [("step.2.until.field.active", np.inf, "must be a finite number > 0")],
+    ),
+    (
+        "over = 10",
+        "until = { field = inf }",
+        [("step.2.until.field", np.inf, f"must be {VALUE.replace('a number', 'a finite number')}")],
+    ),
+    (
+        "over = 10",
+        "until = { volume = 1 }",
+        [("step.2.until.volume", 1, "unknown key, allowed here: event, stretch, pressure, field")],
+    ),
+    (
+        "over = 10",
+        "until = { stretch = { third = 2 }, field = { passive = 3, active = 1 } }",
+        [
+            ("step.2.until.stretch.third", 2.0, "no such balloon, must be one of active, passive"),
+            ("step.2.until.field.passive", 3.0, "has no electrodes, must be one of active"),
+        ],
+    ),
+    (
+        "over = 10",
+        'valve = "open"\nuntil = { pressure = 1 }',
+        [("step.2.until.pressure", 1.0, "needs the valve closed, open it keeps the pressure")],
+    ),
+    (
+        '{ model = "neo-hookean" }',
+        '{ model = "neo-hookean" }\nelectrodes = true\n'
+        "[[step]]\nramp = 1\nuntil = { stretch = 2, field = 3 }",
+        [
+            ("step.1.until.stretch", 2.0, "must be a table by balloon name, active, passive have electrodes"),
+            ("step.1.until.field", 3.0, "must be a table by balloon name, active, passive have electrodes"),
+        ],
+    ),
+    (
+        HOLD,
+        "hold = 5, until = { pressure = 1 }",
+        [("step.3.steps.1.until", {"pressure": 1}, "unknown key, allowed here: hold, valve")],
+    ),
     ("cycle = 3", "cycle = 0", [("step.3.cycle", 0, "must be a whole number >= 1")]),
     ("cycle = 3", "cycle = 2.5", [("step.3.cycle", 2.5, "must be a whole number >= 1")]),
     ("cycle = 3", "cycle = true", [("step.3.cycle", True, "must be a whole number >= 1")]),
@@ -233,7 +299,11 @@ REFUSED = [
         [("balloon.active.breakdown.field", None, "is missing, must be a number > 0")],
     ),
     ("{ field = 12.0 }", "{}", [("balloon.active.breakdown", {}, "must be a table such as { field = 12 }")]),
-    (RAMP, "ramp = 0.2\novr = 10", [("step.2.ovr", 10, "unknown key, allowed here: ramp, over, valve")]),
+    (
+        RAMP,
+        "ramp = 0.2\novr = 10",
+        [("step.2.ovr", 10, "unknown key, allowed here: ramp, over, valve, until")],
+    ),
     (RAMP, "jump = 0.2\nover = 10", [("step.2.over", 10, "unknown key, allowed here: jump, valve")]),
     (HOLD, "hold = 5, over = 1", [("step.3.steps.1.over", 1, "unknown key, allowed here: hold, valve")]),
     (
@@ -601,20 +671,25 @@ positive = st.floats(min_value=1e-6, max_value=1e6) | st.integers(1, 10**6)
 number = st.floats(-1e6, 1e6) | st.integers(-(10**6), 10**6)
 valve = st.sampled_from(["closed", "open"])
 text = st.text(min_size=1).filter(str.strip)
+value = positive | st.dictionaries(st.just("a"), positive, min_size=1)
+until = st.fixed_dictionaries(
+    {}, optional={"event": st.just("limit_point"), "stretch": value, "pressure": positive, "field": value}
+).filter(bool)
 voltage = number | st.dictionaries(st.just("a"), number, min_size=1)
 wave = {"period": positive, "cycles": positive}
 played = st.one_of(
     st.fixed_dictionaries({"inflate": st.floats(0, 1e6)}, optional={"over": positive}),
+    st.fixed_dictionaries({"ramp": voltage}, optional={"over": positive, "until": until}),
     st.fixed_dictionaries({"ramp": voltage}, optional={"over": positive, "valve": valve}),
     st.fixed_dictionaries({"hold": positive}, optional={"valve": valve}),
     st.fixed_dictionaries({"jump": voltage}, optional={"valve": valve}),
     st.fixed_dictionaries(
         {"sine": st.fixed_dictionaries({"mean": number, "amplitude": number, **wave})},
-        optional={"valve": valve},
+        optional={"valve": st.just("closed"), "until": until},
     ),
     st.fixed_dictionaries(
         {"triangle": st.fixed_dictionaries({"low": number, "high": number, **wave})},
-        optional={"valve": valve},
+        optional={"valve": st.just("closed"), "until": until},
     ),
 )
 step = st.recursive(

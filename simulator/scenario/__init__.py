@@ -31,7 +31,9 @@ from simulator.scenario.steps import (
     Table,
     Triangle,
     TriangleWave,
+    Until,
     duration,
+    until_of,
 )
 
 __all__ = [
@@ -61,6 +63,8 @@ __all__ = [
     "Table",
     "Triangle",
     "TriangleWave",
+    "Until",
     "duration",
     "load_scenario",
+    "until_of",
 ]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from pydantic import BaseModel
 
 from simulator.scenario.errors import Problem
-from simulator.scenario.steps import Cycle, Hold, Inflate, Jump, Step, duration, numbered
+from simulator.scenario.steps import Cycle, Hold, Inflate, Jump, Step, Until, duration, numbered, until_of
 
 if TYPE_CHECKING:
     from simulator.scenario.document import Output, Scenario
@@ -44,6 +44,9 @@ def disagreements(scenario: Scenario) -> Iterator[Problem]:
                 lack = "has no electrodes" if name in names else "no such balloon"
                 allowed = f"{lack}, must be one of {', '.join(electroded)}"
                 yield Problem(f"{key}.{kind}.{name}", voltage[name], allowed)
+        ends = until_of(step)
+        if electroded and ends:
+            yield from _never(ends, f"{key}.until", names, electroded, step.valve)
     output = scenario.output
     if output.every is not None and "points" in output.model_fields_set:
         yield Problem("output", output.model_dump(), "must have points or every, not both")
@@ -51,6 +54,26 @@ def disagreements(scenario: Scenario) -> Iterator[Problem]:
         key, value = ("points", output.points) if output.every is None else ("every", output.every)
         allowed = f"must ask for at most {MAX_SAMPLES:,} samples over the whole scenario"
         yield Problem(f"output.{key}", value, allowed)
+
+
+def _never(
+    ends: Until, key: str, names: Sequence[str], electroded: Sequence[str], valve: str
+) -> Iterator[Problem]:
+    """Ends that a step cannot have."""
+    for what, wanted, known in (
+        ("stretch", ends.stretch, names),
+        ("field", ends.field, electroded),
+    ):
+        if isinstance(wanted, dict):
+            for name in (name for name in wanted if name not in known):
+                lack = "has no electrodes" if name in names else "no such balloon"
+                allowed = f"{lack}, must be one of {', '.join(known)}"
+                yield Problem(f"{key}.{what}.{name}", wanted[name], allowed)
+        elif wanted is not None and len(electroded) > 1:
+            allowed = f"must be a table by balloon name, {', '.join(electroded)} have electrodes"
+            yield Problem(f"{key}.{what}", wanted, allowed)
+    if ends.pressure is not None and valve == "open":
+        yield Problem(f"{key}.pressure", ends.pressure, "needs the valve closed, open it keeps the pressure")
 
 
 def _samples(steps: Iterable[Step], output: Output) -> float:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field, PrivateAttr, TypeAdapter, ValidationInfo
+from pydantic import AfterValidator, Field, PrivateAttr, TypeAdapter, ValidationError, ValidationInfo
 
 from simulator.scenario.fields import Chosen, Frozen, Int, NonNegative, Number, Positive, not_empty, refused
 from simulator.scenario.reading import read_table
@@ -33,6 +33,56 @@ Voltage = Annotated[
 ]
 
 
+_POSITIVE: TypeAdapter[float] = TypeAdapter(Positive)
+
+
+def _value(value: Any, _: ValidationInfo) -> float | dict[str, float]:
+    if isinstance(value, Mapping) and value:
+        return {str(name): _positive(number, str(name)) for name, number in value.items()}
+    return _POSITIVE.validate_python(value)
+
+
+def _positive(value: Any, name: str) -> float:
+    try:
+        return _POSITIVE.validate_python(value)
+    except ValidationError as error:
+        finite = "finite " if error.errors()[0]["type"] == "finite_number" else ""
+        raise refused(f"must be a {finite}number > 0", value, name) from None
+
+
+Value = Annotated[
+    float | dict[str, float] | None,
+    Chosen(_value),
+    Field(description="a number > 0, or a table of one or more numbers > 0 by balloon name"),
+]
+
+
+class Until(Frozen):
+    """What ends a step before its time, whichever comes first.
+
+    A limit point (once its snap has landed), or a quantity that takes a value: the stretch or the true field
+    of a balloon, or the excess pressure.
+    """
+
+    event: Annotated[Literal["limit_point"] | None, Field(description='"limit_point"')] = None
+    stretch: Value = None
+    pressure: Annotated[Positive | None, Field(description="a number > 0")] = None
+    field: Value = None
+
+
+def _until(value: Any, _: ValidationInfo) -> Until | None:
+    if value is None:
+        return None
+    if not isinstance(value, Mapping) or not value:
+        raise refused(f"must be {_ENDS_STEP}", value)
+    return Until.model_validate(value)
+
+
+_ENDS_STEP = "a table with one or more of event, stretch, pressure, field"
+
+OptionalUntil = Annotated[Until | None, Chosen(_until), Field(description=_ENDS_STEP)]
+
+
 class Inflate(Frozen):
     """Excess pressure ramped to `inflate`, valve open."""
 
@@ -46,6 +96,7 @@ class Ramp(Frozen):
     ramp: Voltage
     over: Positive = 1.0
     valve: Valve = "closed"
+    until: OptionalUntil = None
 
 
 class Hold(Frozen):
@@ -76,6 +127,7 @@ class Sine(Frozen):
 
     sine: Annotated[SineWave, Field(description="a table of mean, amplitude, period, cycles")]
     valve: Valve = "closed"
+    until: OptionalUntil = None
 
 
 class TriangleWave(Frozen):
@@ -92,6 +144,7 @@ class Triangle(Frozen):
 
     triangle: Annotated[TriangleWave, Field(description="a table of low, high, period, cycles")]
     valve: Valve = "closed"
+    until: OptionalUntil = None
 
 
 def _absolute(path: str, info: ValidationInfo) -> str:
@@ -108,6 +161,7 @@ class Table(Frozen):
         strict=True, min_length=1, description="the path of a CSV file with columns time,voltage"
     )
     valve: Valve = "closed"
+    until: OptionalUntil = None
     # Bytes, because an array comes out of a pickle writeable and has no plain equality.
     _samples: bytes = PrivateAttr(default=b"")
 
@@ -153,8 +207,13 @@ def _step(value: Any, info: ValidationInfo) -> PlayedStep | Cycle:
 Step = Annotated[PlayedStep | Cycle, Chosen(_step)]
 
 
+def until_of(step: PlayedStep) -> Until | None:
+    """What ends a step before its time, if it names anything."""
+    return step.until if isinstance(step, Ramp | Sine | Triangle | Table) else None
+
+
 def duration(step: PlayedStep) -> float:
-    """How long a step lasts; a jump takes no time."""
+    """How long a step lasts, unless its `until` ends it before; a jump takes no time."""
     match step:
         case Inflate() | Ramp():
             return step.over
