@@ -12,10 +12,22 @@ from typing import TYPE_CHECKING
 
 from simulator import drive
 from simulator.device import Device
-from simulator.drive import VoltageLine, Waveform
+from simulator.drive import Leg, VoltageLine, Way
 from simulator.events import Condition, conditions
 from simulator.model import OpenBalloon, SealedBalloons
-from simulator.scenario import Hold, Inflate, Jump, Ramp, Sine, Table, Triangle
+from simulator.scenario import (
+    Hold,
+    Inflate,
+    Jump,
+    Ramp,
+    Sine,
+    SineByName,
+    SineWave,
+    Table,
+    Triangle,
+    TriangleByName,
+    TriangleWave,
+)
 
 if TYPE_CHECKING:
     from simulator.scenario import PlayedStep
@@ -34,8 +46,8 @@ class Group:
 
 def motion(
     step: PlayedStep, electroded: Sequence[str], voltage: Sequence[float], pressure: float
-) -> tuple[VoltageLine, Waveform]:
-    """The line that a step's voltages move along from the present ones, and how v moves.
+) -> tuple[Leg, ...]:
+    """The legs in which a step's voltages move on from the present ones; mostly one.
 
     While inflating the voltages stand still and v is the pressure.
     """
@@ -43,9 +55,9 @@ def motion(
     still = VoltageLine(tuple(voltage), (0.0,) * count)
     match step:
         case Inflate():
-            return still, drive.ramp(pressure, step.inflate)
+            return (Leg(still, drive.ramp(pressure, step.inflate)),)
         case Hold():
-            return still, drive.ramp(0.0, 0.0)
+            return (Leg(still, drive.ramp(0.0, 0.0)),)
         case Ramp() | Jump():
             wanted = step.ramp if isinstance(step, Ramp) else step.jump
             target = [
@@ -54,14 +66,31 @@ def motion(
             ]
             line = VoltageLine.through(voltage, target)
             first = voltage if isinstance(step, Ramp) else target
-            return line, drive.ramp(line.coordinate(first), line.coordinate(target))
-        case Sine():
-            wave = drive.sine(step.sine.mean, step.sine.amplitude, step.sine.cycles)
-        case Triangle():
-            wave = drive.triangle(step.triangle.low, step.triangle.high, step.triangle.cycles)
+            return (Leg(line, drive.ramp(line.coordinate(first), line.coordinate(target))),)
+        case Sine(sine=SineWave() as one):
+            wave = drive.sine(one.mean, one.amplitude, one.cycles)
+        case Triangle(triangle=TriangleWave() as one_triangle):
+            wave = drive.triangle(one_triangle.low, one_triangle.high, one_triangle.cycles)
+        case Sine(sine=SineByName() as sines):
+            # Who is not named keeps the present voltage.
+            parts = [sines.balloons.get(name) for name in electroded]
+            return drive.sines(
+                [p.mean if p else now for p, now in zip(parts, voltage, strict=True)],
+                [p.amplitude if p else 0.0 for p in parts],
+                [p.phase if p else 0.0 for p in parts],
+                sines.cycles,
+            )
+        case Triangle(triangle=TriangleByName() as triangles):
+            sides = [triangles.balloons.get(name) for name in electroded]
+            return drive.triangles(
+                [p.low if p else now for p, now in zip(sides, voltage, strict=True)],
+                [p.high if p else now for p, now in zip(sides, voltage, strict=True)],
+                [p.phase if p else 0.0 for p in sides],
+                triangles.cycles,
+            )
         case Table():
             wave = drive.table(step.times, step.voltages)
-    return VoltageLine.common(count), wave
+    return (Leg(VoltageLine.common(count), wave),)
 
 
 def inflating(device: Device, voltage: Sequence[float]) -> list[Group]:
@@ -69,19 +98,19 @@ def inflating(device: Device, voltage: Sequence[float]) -> list[Group]:
     return [_group(device, device.inflated(i, voltage), [i]) for i in range(len(device.names))]
 
 
-def actuated(device: Device, line: VoltageLine, *, amount: float) -> list[Group]:
+def actuated(device: Device, way: Way, *, amount: float) -> list[Group]:
     """Valve closed: all balloons on their gas, if any voltage moves."""
-    if not any(line.rate):
+    if not any(way.moves):
         return []
-    return [_group(device, device.sealed(amount, line), range(len(device.names)))]
+    return [_group(device, device.sealed(amount, way), range(len(device.names)))]
 
 
-def actuated_open(device: Device, line: VoltageLine, *, pressure: float) -> list[Group]:
+def actuated_open(device: Device, way: Way, *, pressure: float) -> list[Group]:
     """Valve open: each balloon whose voltage moves, by itself."""
     return [
-        _group(device, device.actuated(i, pressure, line), [i])
-        for i, rate in zip(device.electroded, line.rate, strict=True)
-        if rate
+        _group(device, device.actuated(i, pressure, way), [i])
+        for i, moves in zip(device.electroded, way.moves, strict=True)
+        if moves
     ]
 
 

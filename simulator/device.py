@@ -10,9 +10,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.drive import VoltageLine
+from simulator.drive import VoltageCurve, VoltageLine, Way
 from simulator.elastomer import Elastomer, Gent, NeoHookean
-from simulator.model import AnyMembrane, ElectrodedMembrane, Membrane, OpenBalloon, SealedBalloons
+from simulator.model import (
+    AnyMembrane,
+    ElectrodedMembrane,
+    Membrane,
+    OpenBalloon,
+    OscillatingMembrane,
+    SealedBalloons,
+)
 from simulator.strength import ConstantStrength, PowerStrength, Strength
 
 if TYPE_CHECKING:
@@ -81,28 +88,31 @@ class Device:
             )
         )
 
-    def membrane(self, balloon: int, line: VoltageLine) -> AnyMembrane:
+    def membrane(self, balloon: int, way: Way) -> AnyMembrane:
         """One balloon's wall under its share of the voltages; without one, the bare wall."""
         wall = self.walls[balloon]
         if balloon not in self.electroded:
             return wall
         place = self.electroded.index(balloon)
-        offset, rate = line.offset[place], line.rate[place]
-        if offset == 0.0 and rate == 0.0:
-            return wall
         h, k, e = self.thickness[balloon], self.modulus[balloon], self.permittivity[balloon]
-        capacitance = float(self.radius[balloon] ** 2 * e / h)
-        return ElectrodedMembrane(wall, float(2.0 * e / (h * h * k)), capacitance, float(h), offset, rate)
+        film = wall, float(2.0 * e / (h * h * k)), float(self.radius[balloon] ** 2 * e / h), float(h)
+        if isinstance(way, VoltageCurve):
+            offset, rate = way.mean[place], 0.0
+            if way.amplitude[place]:
+                return OscillatingMembrane(*film, offset, way.amplitude[place], way.phase[place])
+        else:
+            offset, rate = way.offset[place], way.rate[place]
+        return wall if offset == 0.0 and rate == 0.0 else ElectrodedMembrane(*film, offset, rate)
 
-    def sealed(self, amount: float, line: VoltageLine) -> SealedBalloons:
-        """Valve closed over `amount` of gas, voltages moving along `line`."""
+    def sealed(self, amount: float, way: Way) -> SealedBalloons:
+        """Valve closed over `amount` of gas, voltages moving along `way`."""
         return SealedBalloons(
-            tuple(self.membrane(i, line) for i in range(len(self.names))), amount, self.ambient
+            tuple(self.membrane(i, way) for i in range(len(self.names))), amount, self.ambient
         )
 
-    def actuated(self, balloon: int, pressure: float, line: VoltageLine) -> OpenBalloon:
-        """One balloon with the valve open at `pressure`, voltages moving along `line`."""
-        return OpenBalloon(self.membrane(balloon, line), pressure, 0.0)
+    def actuated(self, balloon: int, pressure: float, way: Way) -> OpenBalloon:
+        """One balloon with the valve open at `pressure`, voltages moving along `way`."""
+        return OpenBalloon(self.membrane(balloon, way), pressure, 0.0)
 
     def inflated(self, balloon: int, voltages: Sequence[float]) -> OpenBalloon:
         """One balloon with the valve open under a moving pressure, voltages held."""

@@ -14,7 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.elastomer import Number
-from simulator.model import ElectrodedMembrane, Equations, OpenBalloon, SealedBalloons, State
+from simulator.model import (
+    ElectrodedMembrane,
+    Equations,
+    OpenBalloon,
+    OscillatingMembrane,
+    SealedBalloons,
+    State,
+)
 from simulator.strength import Strength
 
 FloatArray = NDArray[np.float64]
@@ -46,7 +53,7 @@ def conditions(
     else:
         membranes = (equations.membrane,)
     for place, (membrane, strength) in enumerate(zip(membranes, strengths, strict=True)):
-        if strength is not None and isinstance(membrane, ElectrodedMembrane):
+        if strength is not None and isinstance(membrane, ElectrodedMembrane | OscillatingMembrane):
             found.append(intactness(membrane, place, strength))
     return tuple(found)
 
@@ -88,7 +95,9 @@ def tension(equations: SealedBalloons) -> Condition:
     return Condition("loss_of_tension", lambda y: y[place], slope)
 
 
-def intactness(membrane: ElectrodedMembrane, place: int, strength: Strength) -> Condition:
+def intactness(
+    membrane: ElectrodedMembrane | OscillatingMembrane, place: int, strength: Strength
+) -> Condition:
     """1 − (E/E_b)² of one electroded balloon; at zero its film breaks down."""
 
     def margin(y: State) -> Number:

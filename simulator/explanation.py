@@ -5,13 +5,14 @@ Nothing is solved. The text is read off the same assembly that a run uses.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from simulator import assembly
 from simulator.device import Device
-from simulator.model import ElectrodedMembrane, Membrane, SealedBalloons
+from simulator.model import Membrane, OscillatingMembrane, SealedBalloons
 from simulator.scenario import Hold, Inflate, Jump, duration, until_of
 from simulator.strength import PowerStrength
 from simulator.until import Watch
@@ -62,22 +63,29 @@ def _lines(scenario: Scenario) -> Iterator[str]:
         if number > _MOST_STEPS:
             yield f"  … and {len(steps) - _MOST_STEPS} more steps"
             break
-        line, waveform = assembly.motion(step, scenario.electroded, voltage, pressure)
+        legs = assembly.motion(step, scenario.electroded, voltage, pressure)
+        first, last = legs[0], legs[-1]
+        # Of waves by name a leg in which most move stands for all.
+        way = max((leg.way for leg in legs), key=lambda way: sum(way.moves))
         opens = isinstance(step, Inflate) or step.valve == "open"
         if isinstance(step, Inflate):
             groups = assembly.inflating(device, voltage)
         elif opens:
-            groups = assembly.actuated_open(device, line, pressure=pressure)
+            groups = assembly.actuated_open(device, way, pressure=pressure)
         else:
-            groups = assembly.actuated(device, line, amount=1.0)
-        moves = isinstance(step, Jump) or bool((waveform.values != waveform.values[0]).any())
-        yield from _step(number, step, waveform.fractions.size - 1, groups if moves else [], device)
+            groups = assembly.actuated(device, way, amount=1.0)
+        moves = isinstance(step, Jump) or any(
+            (leg.waveform.values != leg.waveform.values[0]).any() for leg in legs
+        )
+        pieces = sum(leg.waveform.fractions.size - 1 for leg in legs)
+        yield from _step(number, step, pieces, groups if moves else [], device)
         if until := until_of(step):
             ends = " or ".join(Watch.over(until, device).labels)
             yield f"     until      {ends}: the step ends there, if that comes first"
-        first = line.at(float(waveform.values[0])).tolist()
-        if not isinstance(step, Inflate | Hold | Jump) and first != voltage:
-            yield f"     begins by a jump of the voltage to {waveform.values[0]:g}, as a jump step does"
+        begins = first.way.at(float(first.waveform.values[0]))
+        if not isinstance(step, Inflate | Hold | Jump) and np.abs(begins - voltage).max() > 1e-15:
+            to = ", ".join(f"{v:g}" for v in dict.fromkeys(begins.tolist()))
+            yield f"     begins by a jump of the voltage to {to}, as a jump step does"
         if opens and not was_open and not isinstance(step, Inflate) and number > 1:
             yield "     opens the valve: a balloon that only the shared gas held would leave, by a jump"
         was_open = opens
@@ -87,8 +95,9 @@ def _lines(scenario: Scenario) -> Iterator[str]:
             pressure = step.inflate
         elif not isinstance(step, Hold):
             # Where a step ends early is not known here; some voltage on the way stands for it.
+            waveform = last.waveform
             end = float(waveform.at(np.array([0.4]))[0] if until_of(step) else waveform.values[-1])
-            voltage = line.at(end).tolist()
+            voltage = last.way.at(end).tolist()
     yield ""
     yield "Left out"
     yield from (f"  {reason}" for reason in _left_out(scenario, steps, seen))
@@ -116,12 +125,19 @@ def _step(number: int, step: PlayedStep, pieces: int, groups: list[Group], devic
         yield f"  {number}. {kind}, {duration(step):g} long, valve {valve}: {pieces} smooth {plural}"
     at_once = isinstance(step, Jump)
     for group in groups:
-        drive = [] if at_once else ["pressure (driven)" if isinstance(step, Inflate) else "voltage (driven)"]
+        drive = [] if at_once else [f"{_drive(step, group)} (driven)"]
         yield f"     unknowns   {', '.join(_unknowns(group, device) + drive)}"
         for equation in _equations(group, device):
             yield f"     equation   {equation}"
         kinds = dict.fromkeys(c.kind for c in group.conditions[1 if at_once else 0 :])
         yield f"     events     {', '.join(kinds) or 'none'}"
+
+
+def _drive(step: PlayedStep, group: Group) -> str:
+    """What moves the equations of a group."""
+    if isinstance(step, Inflate):
+        return "pressure"
+    return "voltage" if math.isinf(group.equations.longest_step) else "θ, the time in periods"
 
 
 def _unknowns(group: Group, device: Device) -> list[str]:
@@ -139,10 +155,13 @@ def _equations(group: Group, device: Device) -> Iterator[str]:
         name = device.names[place]
         wall = membrane if isinstance(membrane, Membrane) else membrane.wall
         terms = f"{_factor(wall.modulus)}f(λ) − {_factor(device.radius[place] / device.thickness[place])}p λ²"
-        if isinstance(membrane, ElectrodedMembrane):
+        if not isinstance(membrane, Membrane):
             e, h = device.permittivity[place], device.thickness[place]
             terms += f" − {2.0 * e / h**2:g} φ² λ³"
-        yield f"force balance of {name}: {terms} = 0"
+        wave = ""
+        if isinstance(membrane, OscillatingMembrane):
+            wave = f", φ = {membrane.mean:g} + {membrane.amplitude:g} sin 2π(θ + {membrane.phase:g})"
+        yield f"force balance of {name}: {terms} = 0{wave}"
     if sealed:
         yield f"gas: (p + {device.ambient:g}) Σ r³λ³/3 = n"
 

@@ -118,7 +118,9 @@ def follow(
         if short is not None:
             return short
     failure: Exception | None = None
-    for tighter, largest_step in _ATTEMPTS:
+    bound = equations.longest_step / equations.scales[-1]
+    for tighter, largest in _ATTEMPTS:
+        largest_step = min(largest or bound, bound) if bound < _LONGEST else largest
         try:
             points, directions, ended = _integrate(
                 equations, conditions, start, target, max(rtol * tighter, _TIGHTEST), largest_step, effort

@@ -8,23 +8,24 @@ events are merged in order of time, and samples are read off the branches on the
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator import assembly
+from simulator import assembly, path
 from simulator.assembly import AnyEquations, Group
 from simulator.branch import Branch
 from simulator.device import Device
-from simulator.drive import VoltageLine, Waveform
+from simulator.drive import Leg, VoltageLine, Waveform, Way
 from simulator.events import softest_mode
-from simulator.history import EnergyBalance, Event, EventKind, History, Outcome, SolverStatistics, Stop
+from simulator.history import EnergyBalance, Event, EventKind, History, Outcome, SolverStatistics
+from simulator.history import Stop as StepEnd
 from simulator.model import OpenBalloon
 from simulator.scenario import Hold, Inflate, duration, until_of
-from simulator.until import Watch, first_stop
+from simulator.until import Stop, Watch, first_stop
 from simulator.walk import Atlas, Happening, Turn, Walk, by_time, loses_tension
 
 if TYPE_CHECKING:
@@ -96,6 +97,21 @@ def _leading(fractions: FloatArray, waveform: Waveform, branches: Sequence[Branc
     return int(v.size if known.all() else np.argmin(known))
 
 
+def _state(group: Group, stretch: FloatArray, pressure: float, v: float) -> FloatArray:
+    """A state of the device as a group's unknowns, at drive coordinate v."""
+    stretches = stretch[list(group.members)]
+    return np.array([*stretches, pressure, v] if group.equations.has_pressure else [*stretches, v])
+
+
+@dataclass(frozen=True)
+class _Course:
+    """A leg of a step as it is walked, and where in it the step ends early, if it does."""
+
+    leg: Leg
+    walks: tuple[Walk, ...]
+    stop: Stop | None
+
+
 @dataclass
 class _Rows:
     """Samples as they come, in chunks."""
@@ -120,7 +136,7 @@ class _Run:
         self.outcome = Outcome.COMPLETED
         self.rows = _Rows()
         self.events: list[Event] = []
-        self.stops: list[Stop] = []
+        self.stops: list[StepEnd] = []
         self.jumps = 0
         self.electrical_work = self.gas_work = self.stored = self.dissipated = 0.0
         self.started = time.perf_counter()
@@ -148,37 +164,28 @@ class _Run:
             self._open_valve()
         self.is_open = opens
         if self.outcome is Outcome.COMPLETED:
-            line, waveform = assembly.motion(
-                step, self.scenario.electroded, self.voltage.tolist(), self.pressure
-            )
+            legs = assembly.motion(step, self.scenario.electroded, self.voltage.tolist(), self.pressure)
             if not isinstance(step, Inflate | Hold):
-                self._jump_to(line, float(waveform.values[0]))
+                self._jump_to(legs[0].way, float(legs[0].waveform.values[0]))
             reached = self._passed(watch, before)
             if self.outcome is Outcome.COMPLETED and lasts > 0.0 and reached is None:
-                inflates = isinstance(step, Inflate)
-                groups = (
-                    assembly.inflating(self.device, self.voltage.tolist())
-                    if inflates
-                    else self._actuated(line)
-                )
-                reached = self._move(groups, line, waveform, start, lasts, watch)
+                reached = self._travel(self._courses(step, legs, watch), start, lasts, watch)
             if watch:
-                self.stops.append(Stop(number, self.clock, reached))
+                self.stops.append(StepEnd(number, self.clock, reached))
         if opens:
             self.amount = self._gas_now()
 
-    def _actuated(self, line: VoltageLine) -> list[Group]:
-        """What moves with the voltages along a line, as the valve stands."""
+    def _actuated(self, way: Way) -> list[Group]:
+        """What moves with the voltages along a way, as the valve stands."""
         if self.is_open:
-            return assembly.actuated_open(self.device, line, pressure=self.pressure)
+            return assembly.actuated_open(self.device, way, pressure=self.pressure)
         # Sealed at no pressure in a vacuum there is no gas; tension is lost before its law is ever used.
         amount = self.amount if self.amount > 0.0 else float(np.finfo(float).tiny)
-        return assembly.actuated(self.device, line, amount=amount)
+        return assembly.actuated(self.device, way, amount=amount)
 
     def _state(self, group: Group, v: float) -> FloatArray:
         """The present state as a group's unknowns, at drive coordinate v."""
-        stretches = self.stretch[list(group.members)]
-        return np.array([*stretches, self.pressure, v] if group.equations.has_pressure else [*stretches, v])
+        return _state(group, self.stretch, self.pressure, v)
 
     def _distances(self, watch: Watch | None) -> list[float]:
         """How far the device is from each value that a step waits for."""
@@ -216,11 +223,12 @@ class _Run:
         if groups:
             self._turn(groups, line, turns, [self._state(g, 0.0) for g in groups])
 
-    def _jump_to(self, line: VoltageLine, v: float) -> None:
+    def _jump_to(self, way: Way, v: float) -> None:
         """Voltages change at once to those at v, and the old state relaxes under them."""
-        target = line.at(v)
-        if np.array_equal(target, self.voltage):
-            return
+        target = way.at(v)
+        largest = max(float(np.abs(target).max()), float(np.abs(self.voltage).max()))
+        if np.abs(target - self.voltage).max() <= path.ULPS * largest:
+            return  # the end of a ramp by name is good to rounding
         across = VoltageLine.through(self.voltage.tolist(), target.tolist())
         old, new = across.coordinate(self.voltage.tolist()), across.coordinate(target.tolist())
         groups = self._actuated(across)
@@ -241,31 +249,71 @@ class _Run:
 
     # -- what moves ----------------------------------------------------------------------------------
 
-    def _move(
-        self,
-        groups: list[Group],
-        line: VoltageLine,
-        waveform: Waveform,
-        start: float,
-        lasts: float,
-        watch: Watch | None,
-    ) -> str | None:
-        """Walk all groups through the step, then read samples and events off their walks in order of time.
+    def _courses(self, step: PlayedStep, legs: Sequence[Leg], watch: Watch | None) -> Iterator[_Course]:
+        """The legs of a step, one after the other, walked; none after the one in which the step ends."""
+        stretch, pressure = self.stretch, self.pressure
+        for leg in legs:
+            values = leg.waveform.values
+            groups: list[Group] = []
+            if not np.all(values == values[0]):
+                groups = (
+                    assembly.inflating(self.device, self.voltage.tolist())
+                    if isinstance(step, Inflate)
+                    else self._actuated(leg.way)
+                )
+            starts = [_state(group, stretch, pressure, float(values[0])) for group in groups]
+            walks = [
+                self.atlas.walk(group, start, leg.waveform)
+                for group, start in zip(groups, starts, strict=True)
+            ]
+            stop = None
+            if watch is not None:
+                stop, walks = first_stop(watch, walks, leg.waveform, _SAME_INSTANT)
+            yield _Course(leg, tuple(walks), stop)
+            last = [walk.turns[-1].onward if walk.turns else walk.branch for walk in walks]
+            if stop is not None or any(
+                branch is None or walk.failure for branch, walk in zip(last, walks, strict=True)
+            ):
+                return
+            if leg is not legs[-1]:
+                stretch = stretch.copy()
+                for group, branch in zip(groups, last, strict=True):
+                    assert branch is not None
+                    end = branch.state_at(float(values[-1]))
+                    stretch[list(group.members)] = end[: len(group.members)]
+                    pressure = float(group.equations.pressure(end.tolist()))
 
-        Returns what ended the step before its time, if anything did.
-        """
-        values = waveform.values
-        if np.all(values == values[0]):
-            groups = []
-        v = float(values[0])
-        walks = [self.atlas.walk(group, self._state(group, v), waveform) for group in groups]
-        stop = None
+    def _travel(
+        self, courses: Iterable[_Course], start: float, lasts: float, watch: Watch | None
+    ) -> str | None:
+        """Read samples and events off the courses of a step, and say what ended it early, if anything did."""
+        last = 1.0
         if watch is not None:
-            stop, walks = first_stop(watch, walks, waveform, _SAME_INSTANT)
+            # Samples are spread over what is played: how far that is comes first.
+            courses = list(courses)
+            end = courses[-1]
+            last = end.leg.of_step(end.stop.fraction) if end.stop else 1.0
+        fractions = last * self._grid(last * lasts) if last else np.zeros(1)
+        reached = None
+        for course in courses:
+            self._move(course, fractions, start, lasts)
+            reached = course.stop.reached if course.stop else None
+            if self.outcome is not Outcome.COMPLETED:
+                break
+        return reached
+
+    def _move(self, course: _Course, fractions: FloatArray, start: float, lasts: float) -> None:
+        """Read samples, at fractions of the step, and events off the walks of one leg, in order of time."""
+        leg, walks, stop = course.leg, course.walks, course.stop
+        line, waveform = leg.way, leg.waveform
+        fractions = leg.within(fractions)
+        fractions = fractions[fractions <= 1.0 + _SAME_INSTANT]
+        start, lasts = start + lasts * leg.start, lasts * (leg.end - leg.start)
+        values = waveform.values
+        groups = [walk.group for walk in walks]
+        v = float(values[0])
         at = [walk.branch for walk in walks]
         since = [v] * len(walks)
-        last = stop.fraction if stop else 1.0
-        fractions = last * self._grid(last * lasts) if last else np.zeros(1)
         passed = 0.0
         for fraction, turns in by_time(walks, _SAME_INSTANT):
             between = (fractions > passed + _SAME_INSTANT) & (fractions < fraction - _SAME_INSTANT)
@@ -285,7 +333,7 @@ class _Run:
             if self.outcome is not Outcome.COMPLETED:
                 for place in set(range(len(walks))) - set(turns):
                     self._book_stay(walks[place], at[place], since[place], v)
-                return stop.reached if stop else None
+                return
         rest = fractions[fractions > passed + _SAME_INSTANT]
         failure = next((walk.failure for walk in walks if walk.failure is not None), None)
         if failure is not None:
@@ -298,13 +346,17 @@ class _Run:
         v = stop.v if stop else float(values[-1])
         for walk, branch, v0 in zip(walks, at, since, strict=True):
             self._book_stay(walk, branch, v0, v)
-        self.clock = start + lasts * last
-        if end is not None:
+        far = stop.fraction if stop else 1.0
+        self.clock = start + lasts * far
+        noted = max(passed, float(rest[-1]) if rest.size else 0.0)
+        if end is not None or noted < far - _SAME_INSTANT:
             states = [branch.state_at(v) for branch in at if branch is not None]
-            states[end[0]] = end[1]
-            self.stretch, self.pressure, self.voltage = self._instant(groups, line, states)
+            if end is not None:
+                states[end[0]] = end[1]
+            present = self._compose(groups, line, np.array([v]), [y[:, None] for y in states])
+            self.stretch, self.pressure, self.voltage = present[0][0], float(present[1][0]), present[2][0]
+        if end is not None:
             self._note_now()
-        return stop.reached if stop else None
 
     def _grid(self, lasts: float) -> FloatArray:
         """Fractions of a step at which samples are wanted."""
@@ -319,7 +371,7 @@ class _Run:
         self,
         walks: Sequence[Walk],
         at: Sequence[Branch | None],
-        line: VoltageLine,
+        line: Way,
         waveform: Waveform,
         fractions: FloatArray,
         start: float,
@@ -333,7 +385,7 @@ class _Run:
         self._note(start + lasts * fractions, *self._compose([w.group for w in walks], line, v, states))
 
     def _compose(
-        self, groups: Sequence[Group], line: VoltageLine, v: FloatArray, states: Sequence[FloatArray]
+        self, groups: Sequence[Group], line: Way, v: FloatArray, states: Sequence[FloatArray]
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Stretches (n, n_balloons), pressure (n,), voltages (n, n_electroded) from the groups' states."""
         stretch = np.repeat(self.stretch[None], v.size, axis=0)
@@ -344,7 +396,7 @@ class _Run:
         return stretch, pressure, line.at(v)
 
     def _turn(
-        self, groups: Sequence[Group], line: VoltageLine, turns: dict[int, Turn], states: list[FloatArray]
+        self, groups: Sequence[Group], line: Way, turns: dict[int, Turn], states: list[FloatArray]
     ) -> None:
         """Record what happens to some groups at one instant, round by round; the others stay."""
         states = list(states)
@@ -369,7 +421,7 @@ class _Run:
             self._note_event(kind, stretch, float(pressure), stretch_after, float(pressure_after), lost)
 
     def _instant(
-        self, groups: Sequence[Group], line: VoltageLine, states: Sequence[FloatArray]
+        self, groups: Sequence[Group], line: Way, states: Sequence[FloatArray]
     ) -> tuple[FloatArray, float, FloatArray]:
         stretch, pressure, voltage = self._compose(groups, line, states[0][-1:], [y[:, None] for y in states])
         return stretch[0], float(pressure[0]), voltage[0]

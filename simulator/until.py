@@ -22,7 +22,7 @@ from simulator.device import Device
 from simulator.drive import Waveform
 from simulator.elastomer import Number
 from simulator.events import Condition, gradient
-from simulator.model import ElectrodedMembrane, SealedBalloons, State
+from simulator.model import Membrane, SealedBalloons, State
 from simulator.path import PathError
 from simulator.walk import Turn, Walk
 
@@ -67,7 +67,7 @@ class Quantity:
             return lambda y: y[place] / value - 1.0
         membranes = equations.membranes if isinstance(equations, SealedBalloons) else (equations.membrane,)
         membrane = membranes[place]
-        if not isinstance(membrane, ElectrodedMembrane):
+        if isinstance(membrane, Membrane):
             return None
         return lambda y: (membrane.field(y[place], y[-1]) / value) ** 2 - 1.0
 

@@ -17,10 +17,12 @@ from simulator.assembly import AnyEquations, Group
 from simulator.branch import Branch, BranchEnd, beside
 from simulator.drive import Waveform
 from simulator.equilibrium import escape_direction, is_fold, parting_direction
-from simulator.model import ElectrodedMembrane, SealedBalloons
+from simulator.model import ElectrodedMembrane, OscillatingMembrane, SealedBalloons
 from simulator.path import Effort, PathError
 
 FloatArray = NDArray[np.float64]
+
+_SOON = 1e-4  # of a period: where it is seen whether a voltage rises
 
 LOSS_OF_TENSION = "loss_of_tension"
 
@@ -199,8 +201,13 @@ def loses_tension(equations: AnyEquations, state: FloatArray, target: float) -> 
     for membrane in equations.membranes:
         if isinstance(membrane, ElectrodedMembrane):
             voltage, change = membrane.offset + membrane.rate * v, membrane.rate * (target - v)
-            if voltage * change > 0.0 or (voltage == 0.0 and change != 0.0):
-                return True
+        elif isinstance(membrane, OscillatingMembrane):
+            voltage = membrane.voltage(v)
+            change = membrane.voltage(v + _SOON * (target - v)) - voltage
+        else:
+            continue
+        if voltage * change > 0.0 or (voltage == 0.0 and change != 0.0):
+            return True
     return False
 
 

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simulator.device import Device, smallest_eigenvalue
-from simulator.drive import VoltageLine
+from simulator.drive import VoltageCurve, VoltageLine
 from simulator.events import conditions, softest_mode, stability
-from simulator.model import ElectrodedMembrane, Membrane
+from simulator.model import ElectrodedMembrane, Membrane, OscillatingMembrane
 from simulator.scenario import load_scenario
 from simulator.strength import ConstantStrength, PowerStrength
 
@@ -46,6 +46,8 @@ def systems():
         "sealed pair": device(2, (0,)).sealed(3.0, VoltageLine.common(1)),
         "sealed one": device(1, (0,)).sealed(1.0, VoltageLine.common(1)),
         "actuated": three.actuated(2, 0.6, line),
+        "sealed on a curve": three.sealed(5.0, VoltageCurve((0.1, 0.2), (0.3, -0.2), (0.1, 0.7))),
+        "actuated on a curve": three.actuated(2, 0.6, VoltageCurve((0.1, 0.2), (0.0, 0.4), (0.0, 0.3))),
         "inflated": three.inflated(0, [0.2, 0.1]),
     }
 
@@ -137,6 +139,19 @@ def test_only_what_moves_has_electrical_terms():
     held = three.sealed(1.0, VoltageLine((0.0, 0.2), (1.0, 0.0)))
     assert [type(m) for m in held.membranes] == [ElectrodedMembrane, Membrane, ElectrodedMembrane]
     assert type(three.inflated(0, [0.0, 0.0]).membrane) is Membrane
+    waves = three.sealed(1.0, VoltageCurve((0.0, 0.2), (0.3, 0.0), (0.0, 0.0)))
+    assert [type(m) for m in waves.membranes] == [OscillatingMembrane, Membrane, ElectrodedMembrane]
+    rest = three.sealed(1.0, VoltageCurve((0.0, 0.2), (0.0, 0.1), (0.0, 0.0)))
+    assert [type(m) for m in rest.membranes] == [Membrane, Membrane, OscillatingMembrane]
+
+
+def test_a_step_along_a_curve_is_no_longer_than_an_eighth_of_a_period():
+    three = device()
+    curve = VoltageCurve((0.1, 0.2), (0.3, 0.0), (0.0, 0.0))
+    assert three.sealed(1.0, curve).longest_step == three.actuated(0, 0.5, curve).longest_step == 0.125
+    assert three.sealed(1.0, VoltageLine.common(2)).longest_step == np.inf
+    tiny = three.sealed(1.0, VoltageCurve((0.1, 0.2), (1e-9, 0.0), (0.0, 0.0)))
+    assert tiny.scales[-1] == 1.0
 
 
 def test_conditions_are_those_that_apply():

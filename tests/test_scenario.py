@@ -349,6 +349,52 @@ REFUSED = [
         "sine = 0.1",
         [("step.3.steps.1.sine", 0.1, "must be a table of mean, amplitude, period, cycles")],
     ),
+    # waves by name
+    (
+        HOLD,
+        "sine = { active = { mean = 0, amplitude = nan, phse = 1 }, cycles = 0 }",
+        [
+            ("step.3.steps.1.sine.period", None, "is missing, must be a number > 0"),
+            ("step.3.steps.1.sine.cycles", 0, "must be a number > 0"),
+            ("step.3.steps.1.sine.active.amplitude", ..., "must be a finite number"),
+            ("step.3.steps.1.sine.active.phse", 1, "unknown key, allowed here: mean, amplitude, phase"),
+        ],
+    ),
+    (
+        HOLD,
+        "sine = { active = { mean = 0, amplitude = 1 }, mean = 0, period = 1, cycles = 1 }",
+        [("step.3.steps.1.sine.mean", 0, "must be a table of mean, amplitude, phase")],
+    ),
+    (
+        HOLD,
+        "sine = { passive = { mean = 0, amplitude = 1 }, third = { mean = 0, amplitude = 1 }, "
+        "period = 1, cycles = 1 }",
+        [
+            (
+                "step.3.steps.1.sine.passive",
+                {"mean": 0.0, "amplitude": 1.0},
+                "has no electrodes, must be one of active",
+            ),
+            (
+                "step.3.steps.1.sine.third",
+                {"mean": 0.0, "amplitude": 1.0},
+                "no such balloon, must be one of active",
+            ),
+        ],
+    ),
+    (
+        HOLD,
+        "triangle = { active = { low = 0, phase = true }, period = 1, cycles = 1 }",
+        [
+            ("step.3.steps.1.triangle.active.high", None, "is missing, must be a number"),
+            ("step.3.steps.1.triangle.active.phase", True, "must be a number"),
+        ],
+    ),
+    (
+        HOLD,
+        "triangle = { active = 1, passive = { low = 0, high = 1 }, period = 1, cycles = 1 }",
+        [("step.3.steps.1.triangle.active", 1, "must be a table of low, high, phase")],
+    ),
     # what no field sees by itself
     (PASSIVE, ACTIVE, [("balloon.2.name", "active", "must be unique, balloon 1 has this name too")]),
     (
@@ -686,6 +732,30 @@ played = st.one_of(
     st.fixed_dictionaries(
         {"sine": st.fixed_dictionaries({"mean": number, "amplitude": number, **wave})},
         optional={"valve": st.just("closed"), "until": until},
+    ),
+    st.fixed_dictionaries(
+        {
+            "sine": st.fixed_dictionaries(
+                {
+                    "a": st.fixed_dictionaries(
+                        {"mean": number, "amplitude": number}, optional={"phase": number}
+                    ),
+                    **wave,
+                }
+            )
+        },
+        optional={"valve": valve},
+    ),
+    st.fixed_dictionaries(
+        {
+            "triangle": st.fixed_dictionaries(
+                {
+                    "a": st.fixed_dictionaries({"low": number, "high": number}, optional={"phase": number}),
+                    **wave,
+                }
+            )
+        },
+        optional={"valve": valve},
     ),
     st.fixed_dictionaries(
         {"triangle": st.fixed_dictionaries({"low": number, "high": number, **wave})},

@@ -37,13 +37,15 @@ def disagreements(scenario: Scenario) -> Iterator[Problem]:
         kind = next(iter(type(step).model_fields))
         voltage = getattr(step, kind)
         if not electroded:
-            value = voltage.model_dump() if isinstance(voltage, BaseModel) else voltage
-            yield Problem(f"{key}.{kind}", value, "needs a balloon with electrodes = true, there is none")
-        elif isinstance(voltage, dict):
-            for name in (name for name in voltage if name not in electroded):
+            yield Problem(
+                f"{key}.{kind}", _plain(voltage), "needs a balloon with electrodes = true, there is none"
+            )
+        elif isinstance(by_name := getattr(voltage, "balloons", voltage), dict):
+            for name in (name for name in by_name if name not in electroded):
+                value = by_name[name]
                 lack = "has no electrodes" if name in names else "no such balloon"
                 allowed = f"{lack}, must be one of {', '.join(electroded)}"
-                yield Problem(f"{key}.{kind}.{name}", voltage[name], allowed)
+                yield Problem(f"{key}.{kind}.{name}", _plain(value), allowed)
         ends = until_of(step)
         if electroded and ends:
             yield from _never(ends, f"{key}.until", names, electroded, step.valve)
@@ -54,6 +56,11 @@ def disagreements(scenario: Scenario) -> Iterator[Problem]:
         key, value = ("points", output.points) if output.every is None else ("every", output.every)
         allowed = f"must ask for at most {MAX_SAMPLES:,} samples over the whole scenario"
         yield Problem(f"output.{key}", value, allowed)
+
+
+def _plain(value: object) -> object:
+    """A value as it was written."""
+    return value.model_dump(exclude_unset=True) if isinstance(value, BaseModel) else value
 
 
 def _never(

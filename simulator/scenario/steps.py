@@ -8,7 +8,15 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field, PrivateAttr, TypeAdapter, ValidationError, ValidationInfo
+from pydantic import (
+    AfterValidator,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    TypeAdapter,
+    ValidationError,
+    ValidationInfo,
+)
 
 from simulator.scenario.fields import Chosen, Frozen, Int, NonNegative, Number, Positive, not_empty, refused
 from simulator.scenario.reading import read_table
@@ -122,10 +130,45 @@ class SineWave(Frozen):
     cycles: Positive
 
 
-class Sine(Frozen):
-    """Voltage of all electrodes along a sine."""
+class BalloonSine(Frozen):
+    """mean + amplitude·sin 2π(t/period + phase) on one balloon; `phase` in periods."""
 
-    sine: Annotated[SineWave, Field(description="a table of mean, amplitude, period, cycles")]
+    mean: Number
+    amplitude: Number
+    phase: Number = 0.0
+
+
+class SineByName(Frozen):
+    """Sines of one period, each of the named balloons with its own `BalloonSine`."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, BalloonSine] = Field(init=False)
+
+    period: Positive
+    cycles: Positive
+
+    @property
+    def balloons(self) -> dict[str, BalloonSine]:
+        """The sines by balloon name."""
+        return self.__pydantic_extra__
+
+
+def _has_tables(value: Any) -> bool:
+    return isinstance(value, Mapping) and any(isinstance(part, Mapping) for part in value.values())
+
+
+def _sine(value: Any, _: ValidationInfo) -> SineWave | SineByName:
+    return SineByName.model_validate(value) if _has_tables(value) else SineWave.model_validate(value)
+
+
+class Sine(Frozen):
+    """Voltages along sines: one for all electrodes, or one by balloon name."""
+
+    sine: Annotated[
+        SineWave | SineByName,
+        Chosen(_sine),
+        Field(description="a table of mean, amplitude, period, cycles, or of period, cycles and balloons"),
+    ]
     valve: Valve = "closed"
     until: OptionalUntil = None
 
@@ -139,10 +182,41 @@ class TriangleWave(Frozen):
     cycles: Positive
 
 
-class Triangle(Frozen):
-    """Voltage of all electrodes along a triangle wave."""
+class BalloonTriangle(Frozen):
+    """From `low` to `high` and back on one balloon, ahead by `phase` periods."""
 
-    triangle: Annotated[TriangleWave, Field(description="a table of low, high, period, cycles")]
+    low: Number
+    high: Number
+    phase: Number = 0.0
+
+
+class TriangleByName(Frozen):
+    """Triangle waves of one period, each of the named balloons with its own `BalloonTriangle`."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, BalloonTriangle] = Field(init=False)
+
+    period: Positive
+    cycles: Positive
+
+    @property
+    def balloons(self) -> dict[str, BalloonTriangle]:
+        """The triangles by balloon name."""
+        return self.__pydantic_extra__
+
+
+def _triangle(value: Any, _: ValidationInfo) -> TriangleWave | TriangleByName:
+    return TriangleByName.model_validate(value) if _has_tables(value) else TriangleWave.model_validate(value)
+
+
+class Triangle(Frozen):
+    """Voltages along triangle waves: one for all electrodes, or one by balloon name."""
+
+    triangle: Annotated[
+        TriangleWave | TriangleByName,
+        Chosen(_triangle),
+        Field(description="a table of low, high, period, cycles, or of period, cycles and balloons"),
+    ]
     valve: Valve = "closed"
     until: OptionalUntil = None
 
