@@ -8,8 +8,9 @@ events are merged in order of time, and samples are read off the branches on the
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from simulator import assembly, path
 from simulator.assembly import AnyEquations, Group
 from simulator.branch import Branch
+from simulator.course import SAME_INSTANT, Course, courses, state_of
 from simulator.device import Device
 from simulator.drive import Leg, VoltageLine, Waveform, Way
 from simulator.events import softest_mode
@@ -25,7 +27,7 @@ from simulator.history import EnergyBalance, Event, EventKind, History, Outcome,
 from simulator.history import Stop as StepEnd
 from simulator.model import OpenBalloon
 from simulator.scenario import Hold, Inflate, duration, until_of
-from simulator.until import Stop, Watch, first_stop
+from simulator.until import Watch
 from simulator.walk import Atlas, Happening, Turn, Walk, by_time, loses_tension
 
 if TYPE_CHECKING:
@@ -34,7 +36,6 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 _ENDS = ("loss_of_tension", "breakdown", "runaway")
-_SAME_INSTANT = 1e-12  # fractions of a step closer than this are one
 
 
 class SolverError(RuntimeError):
@@ -97,21 +98,6 @@ def _leading(fractions: FloatArray, waveform: Waveform, branches: Sequence[Branc
     return int(v.size if known.all() else np.argmin(known))
 
 
-def _state(group: Group, stretch: FloatArray, pressure: float, v: float) -> FloatArray:
-    """A state of the device as a group's unknowns, at drive coordinate v."""
-    stretches = stretch[list(group.members)]
-    return np.array([*stretches, pressure, v] if group.equations.has_pressure else [*stretches, v])
-
-
-@dataclass(frozen=True)
-class _Course:
-    """A leg of a step as it is walked, and where in it the step ends early, if it does."""
-
-    leg: Leg
-    walks: tuple[Walk, ...]
-    stop: Stop | None
-
-
 @dataclass
 class _Rows:
     """Samples as they come, in chunks."""
@@ -169,7 +155,9 @@ class _Run:
                 self._jump_to(legs[0].way, float(legs[0].waveform.values[0]))
             reached = self._passed(watch, before)
             if self.outcome is Outcome.COMPLETED and lasts > 0.0 and reached is None:
-                reached = self._travel(self._courses(step, legs, watch), start, lasts, watch)
+                groups_of = partial(self._groups, step)
+                found = courses(self.atlas, legs, groups_of, self.stretch, self.pressure, watch)
+                reached = self._travel(found, start, lasts, watch)
             if watch:
                 self.stops.append(StepEnd(number, self.clock, reached))
         if opens:
@@ -185,7 +173,7 @@ class _Run:
 
     def _state(self, group: Group, v: float) -> FloatArray:
         """The present state as a group's unknowns, at drive coordinate v."""
-        return _state(group, self.stretch, self.pressure, v)
+        return state_of(group, self.stretch, self.pressure, v)
 
     def _distances(self, watch: Watch | None) -> list[float]:
         """How far the device is from each value that a step waits for."""
@@ -249,65 +237,35 @@ class _Run:
 
     # -- what moves ----------------------------------------------------------------------------------
 
-    def _courses(self, step: PlayedStep, legs: Sequence[Leg], watch: Watch | None) -> Iterator[_Course]:
-        """The legs of a step, one after the other, walked; none after the one in which the step ends."""
-        stretch, pressure = self.stretch, self.pressure
-        for leg in legs:
-            values = leg.waveform.values
-            groups: list[Group] = []
-            if not np.all(values == values[0]):
-                groups = (
-                    assembly.inflating(self.device, self.voltage.tolist())
-                    if isinstance(step, Inflate)
-                    else self._actuated(leg.way)
-                )
-            starts = [_state(group, stretch, pressure, float(values[0])) for group in groups]
-            walks = [
-                self.atlas.walk(group, start, leg.waveform)
-                for group, start in zip(groups, starts, strict=True)
-            ]
-            stop = None
-            if watch is not None:
-                stop, walks = first_stop(watch, walks, leg.waveform, _SAME_INSTANT)
-            yield _Course(leg, tuple(walks), stop)
-            last = [walk.turns[-1].onward if walk.turns else walk.branch for walk in walks]
-            if stop is not None or any(
-                branch is None or walk.failure for branch, walk in zip(last, walks, strict=True)
-            ):
-                return
-            if leg is not legs[-1]:
-                stretch = stretch.copy()
-                for group, branch in zip(groups, last, strict=True):
-                    assert branch is not None
-                    end = branch.state_at(float(values[-1]))
-                    stretch[list(group.members)] = end[: len(group.members)]
-                    pressure = float(group.equations.pressure(end.tolist()))
+    def _groups(self, step: PlayedStep, leg: Leg) -> list[Group]:
+        """The sets of equations that move in a leg of a step."""
+        if isinstance(step, Inflate):
+            return assembly.inflating(self.device, self.voltage.tolist())
+        return self._actuated(leg.way)
 
-    def _travel(
-        self, courses: Iterable[_Course], start: float, lasts: float, watch: Watch | None
-    ) -> str | None:
+    def _travel(self, found: Iterable[Course], start: float, lasts: float, watch: Watch | None) -> str | None:
         """Read samples and events off the courses of a step, and say what ended it early, if anything did."""
         last = 1.0
         if watch is not None:
             # Samples are spread over what is played: how far that is comes first.
-            courses = list(courses)
-            end = courses[-1]
+            found = list(found)
+            end = found[-1]
             last = end.leg.of_step(end.stop.fraction) if end.stop else 1.0
         fractions = last * self._grid(last * lasts) if last else np.zeros(1)
         reached = None
-        for course in courses:
+        for course in found:
             self._move(course, fractions, start, lasts)
             reached = course.stop.reached if course.stop else None
             if self.outcome is not Outcome.COMPLETED:
                 break
         return reached
 
-    def _move(self, course: _Course, fractions: FloatArray, start: float, lasts: float) -> None:
+    def _move(self, course: Course, fractions: FloatArray, start: float, lasts: float) -> None:
         """Read samples, at fractions of the step, and events off the walks of one leg, in order of time."""
         leg, walks, stop = course.leg, course.walks, course.stop
         line, waveform = leg.way, leg.waveform
         fractions = leg.within(fractions)
-        fractions = fractions[fractions <= 1.0 + _SAME_INSTANT]
+        fractions = fractions[fractions <= 1.0 + SAME_INSTANT]
         start, lasts = start + lasts * leg.start, lasts * (leg.end - leg.start)
         values = waveform.values
         groups = [walk.group for walk in walks]
@@ -315,8 +273,8 @@ class _Run:
         at = [walk.branch for walk in walks]
         since = [v] * len(walks)
         passed = 0.0
-        for fraction, turns in by_time(walks, _SAME_INSTANT):
-            between = (fractions > passed + _SAME_INSTANT) & (fractions < fraction - _SAME_INSTANT)
+        for fraction, turns in by_time(walks, SAME_INSTANT):
+            between = (fractions > passed + SAME_INSTANT) & (fractions < fraction - SAME_INSTANT)
             self._read(walks, at, line, waveform, fractions[between], start, lasts)
             passed = fraction
             self.clock = start + lasts * fraction
@@ -334,7 +292,7 @@ class _Run:
                 for place in set(range(len(walks))) - set(turns):
                     self._book_stay(walks[place], at[place], since[place], v)
                 return
-        rest = fractions[fractions > passed + _SAME_INSTANT]
+        rest = fractions[fractions > passed + SAME_INSTANT]
         failure = next((walk.failure for walk in walks if walk.failure is not None), None)
         if failure is not None:
             rest = rest[: _leading(rest, waveform, at)]
@@ -349,7 +307,7 @@ class _Run:
         far = stop.fraction if stop else 1.0
         self.clock = start + lasts * far
         noted = max(passed, float(rest[-1]) if rest.size else 0.0)
-        if end is not None or noted < far - _SAME_INSTANT:
+        if end is not None or noted < far - SAME_INSTANT:
             states = [branch.state_at(v) for branch in at if branch is not None]
             if end is not None:
                 states[end[0]] = end[1]
