@@ -182,12 +182,10 @@ class _Run:
 
     def _passed(self, watch: Watch | None, before: list[float]) -> str | None:
         """The first value that a jump has passed over."""
-        passed = (a * b < 0.0 for a, b in zip(before, self._distances(watch), strict=True))
-        return (
-            next((q.label for q, p in zip(watch.quantities, passed, strict=True) if p), None)
-            if watch
-            else None
-        )
+        if watch is None:
+            return None
+        distances = zip(watch.quantities, before, self._distances(watch), strict=True)
+        return next((quantity.label for quantity, a, b in distances if a * b < 0.0), None)
 
     # -- what changes at once ------------------------------------------------------------------------
 
@@ -214,6 +212,8 @@ class _Run:
     def _jump_to(self, way: Way, v: float) -> None:
         """Voltages change at once to those at v, and the old state relaxes under them."""
         target = way.at(v)
+        if np.array_equal(target, self.voltage):
+            return
         largest = max(float(np.abs(target).max()), float(np.abs(self.voltage).max()))
         if np.abs(target - self.voltage).max() <= path.ULPS * largest:
             return  # the end of a ramp by name is good to rounding
