@@ -5,14 +5,17 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 DEMO := fig5b_state_b
+N ?= 10000
+SEED ?= 2026
 
-.PHONY: help venv demo test check bench
+.PHONY: help venv demo test check bench fuzz
 
 help:
 	@echo "make demo    run scenarios/$(DEMO).toml, write its CSV files and its picture"
 	@echo "make test    run the tests"
 	@echo "make check   lint, check format, types and the import rules"
 	@echo "make bench   measure the speed against SciPy"
+	@echo "make fuzz    play N=$(N) random scenarios of SEED=$(SEED) against the closed form; docs/fuzz.json"
 	@echo "make venv    create or update the environment in $(VENV)"
 
 venv: $(INSTALLED)
@@ -35,6 +38,9 @@ check: $(INSTALLED)
 bench: $(INSTALLED)
 	$(BIN)/python -m pytest benchmarks --benchmark-only
 	$(BIN)/python -m pytest benchmarks -k memory
+
+fuzz: $(INSTALLED)
+	$(BIN)/python -m tests.fuzz $(N) --seed $(SEED) --keep results/fuzz --report docs/fuzz.json
 
 # The mark is made last, so that an interrupted installation is done again.
 $(INSTALLED): pyproject.toml

@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING
 
 from simulator import drive
 from simulator.device import Device
-from simulator.drive import Leg, VoltageLine, Way
+from simulator.drive import Leg, Quantity, VoltageLine, Way
 from simulator.events import Condition, conditions
+from simulator.gas import Contents
 from simulator.model import OpenBalloon, SealedBalloons
 from simulator.scenario import (
+    Charge,
     Hold,
     Inflate,
     Jump,
@@ -44,29 +46,48 @@ class Group:
     members: tuple[int, ...]
 
 
-def motion(
-    step: PlayedStep, electroded: Sequence[str], voltage: Sequence[float], pressure: float
-) -> tuple[Leg, ...]:
-    """The legs in which a step's voltages move on from the present ones; mostly one.
+@dataclass(frozen=True)
+class Electrodes:
+    """The present voltages and charges of the electroded balloons, and which of the two is given."""
 
-    While inflating the voltages stand still and v is the pressure.
+    voltage: Sequence[float]
+    charge: Sequence[float]
+    given: Quantity
+
+    @property
+    def line(self) -> VoltageLine:
+        """What is given, held where it is."""
+        return VoltageLine.still(self.voltage if self.given == "voltage" else self.charge, self.given)
+
+
+def given_by(step: PlayedStep) -> Quantity | None:
+    """What a step gives its electrodes: voltages or charges; None where it leaves them as they are."""
+    if isinstance(step, Inflate | Hold):
+        return None
+    return "charge" if isinstance(step, Charge) else "voltage"
+
+
+def motion(
+    step: PlayedStep, electroded: Sequence[str], electrodes: Electrodes, pressure: float
+) -> tuple[Leg, ...]:
+    """The legs in which a step's voltages (or charges) move on from the present ones; mostly one.
+
+    While inflating they stand still and v is the pressure.
     """
-    count = len(voltage)
-    still = VoltageLine(tuple(voltage), (0.0,) * count)
+    voltage = electrodes.voltage
     match step:
         case Inflate():
-            return (Leg(still, drive.ramp(pressure, step.inflate)),)
+            return (Leg(electrodes.line, drive.ramp(pressure, step.inflate)),)
         case Hold():
-            return (Leg(still, drive.ramp(0.0, 0.0)),)
-        case Ramp() | Jump():
-            wanted = step.ramp if isinstance(step, Ramp) else step.jump
-            target = [
-                wanted.get(name, now) if isinstance(wanted, dict) else float(wanted)
-                for name, now in zip(electroded, voltage, strict=True)
-            ]
-            line = VoltageLine.through(voltage, target)
-            first = voltage if isinstance(step, Ramp) else target
-            return (Leg(line, drive.ramp(line.coordinate(first), line.coordinate(target))),)
+            return (Leg(electrodes.line, drive.ramp(0.0, 0.0)),)
+        case Ramp():
+            return (_towards(step.ramp, electroded, voltage, "voltage"),)
+        case Charge():
+            return (_towards(step.charge, electroded, electrodes.charge, "charge"),)
+        case Jump():
+            leg = _towards(step.jump, electroded, voltage, "voltage")
+            there = float(leg.waveform.values[-1])
+            return (Leg(leg.way, drive.ramp(there, there)),)
         case Sine(sine=SineWave() as one):
             wave = drive.sine(one.mean, one.amplitude, one.cycles)
         case Triangle(triangle=TriangleWave() as one_triangle):
@@ -90,23 +111,39 @@ def motion(
             )
         case Table():
             wave = drive.table(step.times, step.voltages)
-    return (Leg(VoltageLine.common(count), wave),)
+    return (Leg(VoltageLine.common(len(electroded)), wave),)
 
 
-def inflating(device: Device, voltage: Sequence[float]) -> list[Group]:
-    """Every balloon by itself, under a moving pressure."""
-    return [_group(device, device.inflated(i, voltage), [i]) for i in range(len(device.names))]
+def _towards(
+    wanted: float | dict[str, float], electroded: Sequence[str], present: Sequence[float], quantity: Quantity
+) -> Leg:
+    """The line from present voltages or charges to those wanted, and a ramp along it."""
+    target = [
+        wanted.get(name, now) if isinstance(wanted, dict) else float(wanted)
+        for name, now in zip(electroded, present, strict=True)
+    ]
+    line = VoltageLine.through(present, target, quantity)
+    return Leg(line, drive.ramp(line.coordinate(present), line.coordinate(target)))
 
 
-def actuated(device: Device, way: Way, *, amount: float) -> list[Group]:
-    """Valve closed: all balloons on their gas, if any voltage moves."""
-    if not any(way.moves):
-        return []
-    return [_group(device, device.sealed(amount, way), range(len(device.names)))]
+def inflating(device: Device, held: Way) -> list[Group]:
+    """Every balloon by itself, under a moving pressure, voltages or charges held."""
+    values = held.at(0.0).tolist()
+    return [_group(device, device.inflated(i, values, held.quantity), [i]) for i in range(len(device.names))]
+
+
+def actuated(device: Device, way: Way, *, gas: Contents) -> list[Group]:
+    """Valve closed: all balloons on their gas (or liquid), if any voltage or charge moves."""
+    return [held(device, way, gas=gas)] if any(way.moves) else []
+
+
+def held(device: Device, way: Way, *, gas: Contents) -> Group:
+    """Valve closed: all balloons on their gas (or liquid)."""
+    return _group(device, device.sealed(gas, way), range(len(device.names)))
 
 
 def actuated_open(device: Device, way: Way, *, pressure: float) -> list[Group]:
-    """Valve open: each balloon whose voltage moves, by itself."""
+    """Valve open: each balloon whose voltage or charge moves, by itself."""
     return [
         _group(device, device.actuated(i, pressure, way), [i])
         for i, moves in zip(device.electroded, way.moves, strict=True)
@@ -114,9 +151,8 @@ def actuated_open(device: Device, way: Way, *, pressure: float) -> list[Group]:
     ]
 
 
-def held_open(device: Device, voltage: Sequence[float], *, pressure: float) -> list[Group]:
+def held_open(device: Device, line: VoltageLine, *, pressure: float) -> list[Group]:
     """Valve just opened, nothing moving: every balloon by itself."""
-    line = VoltageLine(tuple(voltage), (0.0,) * len(voltage))
     return [_group(device, device.actuated(i, pressure, line), [i]) for i in range(len(device.names))]
 
 

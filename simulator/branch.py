@@ -12,13 +12,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator import equilibrium, path
+from simulator import equilibrium, path, piece
 from simulator.events import Condition
 from simulator.model import Equations
 
 FloatArray = NDArray[np.float64]
 
 _LEAVE = 1e-3  # stretch by which a branch is started off the branch point that it leaves
+_ROUNDING = 1e-7  # in scaled unknowns: of states beside a limit point
 _MOST_SAMPLES = 16  # sets of samples that a branch remembers
 
 
@@ -68,7 +69,7 @@ class Branch:
     _works: dict[tuple[float, float], float] = field(default_factory=dict, repr=False)
     _corners: dict[float, FloatArray] = field(default_factory=dict, repr=False)
     _samples: dict[bytes, FloatArray] = field(default_factory=dict, repr=False)
-    _cubics: path.Cubics | None = field(default=None, repr=False)
+    _cubics: piece.Cubics | None = field(default=None, repr=False)
 
     @classmethod
     def through(cls, equations: Equations, conditions: tuple[Condition, ...], state: FloatArray) -> Branch:
@@ -104,7 +105,7 @@ class Branch:
             return None
         nodes = np.concatenate([point[:, None], near], axis=1)
         tangents = np.concatenate([equilibrium.unit(equations, d) for d in (out, rates)], axis=1)
-        done = path.work(equations, *path.between(equations, nodes, tangents))
+        done = piece.work(equations, *piece.between(equations, nodes, tangents))
         end = BranchEnd(conditions[0].kind, point)
         if direction > 0.0:
             return cls(equations, conditions, nodes, tangents, done, lower=end)
@@ -137,7 +138,7 @@ class Branch:
     def known_range(self) -> tuple[float, float]:
         """The v between which the branch is known, widened by rounding."""
         low, high = float(self.states[-1, 0]), float(self.states[-1, -1])
-        return low - path.rounding(self.equations, low), high + path.rounding(self.equations, high)
+        return low - piece.rounding(self.equations, low), high + piece.rounding(self.equations, high)
 
     def state_at(self, v: float) -> FloatArray:
         """The state at one v within the known range, shape (n_unknowns,). Raises NotConverged."""
@@ -166,6 +167,7 @@ class Branch:
         if between.any():
             guesses = self._guess(place[between], v[between])
             states[:, between] = equilibrium.at_drive(self.equations, guesses)
+            self._check_between(place[between], states[:, between])
         return states
 
     def _solved_one(self, v: float) -> FloatArray:
@@ -177,13 +179,31 @@ class Branch:
         place = int(np.searchsorted(nodes, v, side="right")) - 1
         if nodes[place] == v:
             return self.states[:, place]
-        return equilibrium.one_at_drive(self.equations, self._guess(np.array([place]), np.array([v]))[:, 0])
+        at = np.array([place])
+        state = equilibrium.one_at_drive(self.equations, self._guess(at, np.array([v]))[:, 0])
+        self._check_between(at, state[:, None])
+        return state
+
+    def _check_between(self, place: NDArray[np.int64], states: FloatArray) -> None:
+        """States lie between the points of their intervals, where Newton's method may have left it.
+
+        Tangents are within 45° of the chord, so the curve bulges by at most a fifth of it.
+        """
+        weights = 1.0 / self.equations.scales[:, None] ** 2
+        chord = self.states[:, place + 1] - self.states[:, place]
+        ahead = states - self.states[:, place]
+        square = np.sum(weights * chord * chord, axis=0)
+        share = np.sum(weights * chord * ahead, axis=0) / square
+        aside = np.sum(weights * (ahead - share * chord) ** 2, axis=0)
+        slack = _ROUNDING / np.sqrt(square)
+        if np.any((share < -slack) | (share > 1.0 + slack) | (aside > 0.09 * square + _ROUNDING**2)):
+            raise equilibrium.NotConverged("a state is not between the points of its branch")
 
     def _guess(self, place: NDArray[np.int64], v: FloatArray) -> FloatArray:
         """Interpolated states at v, each in its interval."""
         if self._cubics is None:
             weights = 1.0 / self.equations.scales[:, None] ** 2
-            self._cubics = path.Cubics.through(weights, self.states, self.tangents)
+            self._cubics = piece.Cubics.through(weights, self.states, self.tangents)
         c = self._cubics
         y0, m0, a, b = c.y0[:, place], c.m0[:, place], c.a[:, place], c.b[:, place]
         x = _where(v - y0[-1], m0[-1], a[-1], b[-1])
@@ -217,11 +237,12 @@ class Branch:
         if start == end:
             return 0.0
         points = np.stack([self.state_at(start), self.state_at(end)], axis=1)
-        if end - start < path.SHORT * self.equations.scales[-1]:
+        if end - start < piece.SHORT * self.equations.scales[-1]:
             return float(0.5 * np.sum(np.asarray(self.equations.drive_power(points))) * (end - start))
         chord = np.repeat(np.diff(points, axis=1), 2, axis=1)
         directions = equilibrium.tangents(self.equations, points, chord)
-        return float(path.work(self.equations, *path.between(self.equations, points, directions))[0])
+        dense, speeds = piece.between(self.equations, points, directions)
+        return float(piece.resolved(self.equations, points, directions, dense, speeds, None).work.sum())
 
 
 def _where(ahead: FloatArray, m0: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:

@@ -121,10 +121,10 @@ def trace(
         typer.Option(metavar="NAME", help="The balloon that --inflation inflates.", show_default="the last"),
     ] = None,
     to_voltage: Annotated[
-        float | None, typer.Option(metavar="V", help="Stop at this voltage.", show_default=False)
+        str | None, typer.Option(metavar="V", help="Stop at this voltage.", show_default=False)
     ] = None,
     to_pressure: Annotated[
-        float | None,
+        str | None,
         typer.Option(metavar="P", help="Stop at this pressure (with --inflation).", show_default=False),
     ] = None,
     to_stretch: Annotated[
@@ -145,9 +145,8 @@ def trace(
     try:
         loaded = load_scenario(scenario)
         check_writable(directory, names)
-        curves = _traced(
-            loaded, every, inflation, balloon, to_pressure if inflation else to_voltage, to_stretch
-        )
+        to_drive = _drive(loaded, to_voltage, to_pressure)
+        curves = _traced(loaded, every, inflation, balloon, to_drive, to_stretch)
         pictures = _pictures(curves) if plot else {}
         paths = write_curves(curves, directory)
         if pictures:
@@ -167,7 +166,7 @@ def fold(
     vary: Annotated[
         str, typer.Option(metavar="KEY", help="The number to change, such as gas.ambient_pressure.")
     ],
-    to: Annotated[float, typer.Option(metavar="X", help="Its last value.")],
+    to: Annotated[str, typer.Option(metavar="X", help="Its last value.")],
     out: Annotated[
         Path | None,
         typer.Option(
@@ -241,6 +240,70 @@ def paper(
 
 
 @app.command()
+def accuracy(
+    scenarios: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[SCENARIO]...",
+            help="Scenario files: sealed pairs driven over a limit point.",
+            show_default="four of scenarios/",
+        ),
+    ] = None,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the page goes.")] = Path("docs"),
+    rtol: Annotated[
+        list[float] | None,
+        typer.Option(min=1e-12, max=0.1, help="A tolerance; may be repeated.", show_default="1e-2 … 1e-10"),
+    ] = None,
+    delay: Annotated[
+        list[float] | None,
+        typer.Option(
+            min=1e-9,
+            max=1.0,
+            help="Relaxation time of the viscous runs, over the ramp's duration; may be repeated.",
+            show_default="1e-3, 1e-5, 1e-7",
+        ),
+    ] = None,
+    repeat: Annotated[int, typer.Option(min=1, metavar="N", help="Repetitions of every run.")] = 5,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+) -> None:
+    """Measure error against run time, beside SciPy's solvers; write accuracy.md, figure and table."""
+    from simulator.accuracy import FILES, SCENARIOS, accuracy_files
+    from simulator.accuracy.study import DELAYS, TOLERANCES
+    from simulator.files import OutputError, check_writable
+
+    files = scenarios or [Path("scenarios") / f"{name}.toml" for name in SCENARIOS]
+    tolerances = sorted(set(rtol or TOLERANCES), reverse=True)
+    delays = sorted(set(delay or DELAYS), reverse=True)
+    try:
+        check_writable(out, FILES)
+    except OutputError as error:
+        _fail(str(error), 2)
+    with progress_bar(quiet=quiet) as progress:
+        _write_documents(
+            out, lambda: accuracy_files(files, tolerances, delays, repeat, progress), quiet=quiet
+        )
+
+
+@app.command()
+def stress(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where stability.md goes.")] = Path("docs"),
+    scenarios: Annotated[Path, typer.Option(metavar="DIR", help="Where the paper's scenarios are.")] = Path(
+        "scenarios"
+    ),
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+) -> None:
+    """Play stiff and extreme scenarios, and runs made to go wrong; write stability.md (takes minutes)."""
+    from simulator.files import check_writable
+    from simulator.stress.page import stability_page
+
+    def produce() -> dict[str, bytes]:
+        check_writable(out, ("stability.md",))
+        return {"stability.md": stability_page(scenarios, out / "fuzz.json").encode()}
+
+    _write_documents(out, produce, quiet=quiet)
+
+
+@app.command()
 def explain(scenario: ScenarioArgument) -> None:
     """Say which unknowns, equations, events and smooth pieces a scenario leads to, and what is left out."""
     from simulator.explanation import explain as explanation
@@ -256,8 +319,8 @@ def _check_wishes(
     every: bool,
     inflation: bool,
     balloon: str | None,
-    to_voltage: float | None,
-    to_pressure: float | None,
+    to_voltage: str | None,
+    to_pressure: str | None,
     to_stretch: float | None,
 ) -> None:
     """Leave with exit code 2 where the options of `trace` contradict each other."""
@@ -271,11 +334,20 @@ def _check_wishes(
         _fail("--to-pressure goes with --inflation; use --to-voltage", 2)
     if not inflation and balloon is not None:
         _fail("--balloon goes with --inflation", 2)
-    for name in asked:
-        value = limits[name]
-        least = 1.0 if name == "--to-stretch" else 0.0
-        if value is None or not (math.isfinite(value) and value >= least):
-            _fail(f"{name} {value}: must be a number >= {least:g}", 2)
+    if to_stretch is not None and not (math.isfinite(to_stretch) and to_stretch >= 1.0):
+        _fail(f"--to-stretch {to_stretch}: must be a number >= 1", 2)
+
+
+def _drive(scenario: Scenario, to_voltage: str | None, to_pressure: str | None) -> float | None:
+    """The voltage or pressure to stop at, dimensionless. Raises ScenarioError."""
+    from simulator.scenario import dimensionless
+    from simulator.units import PRESSURE, VOLTAGE
+
+    if to_voltage is not None:
+        return dimensionless(scenario, "--to-voltage", to_voltage, VOLTAGE, 0.0)
+    return (
+        None if to_pressure is None else dimensionless(scenario, "--to-pressure", to_pressure, PRESSURE, 0.0)
+    )
 
 
 def _traced(

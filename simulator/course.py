@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simulator.assembly import Group
 from simulator.drive import Leg
-from simulator.until import Stop, Watch, first_stop
 from simulator.walk import Atlas, Walk
+
+if TYPE_CHECKING:
+    from simulator.until import Stop, Watch
 
 FloatArray = NDArray[np.float64]
 
@@ -56,6 +59,8 @@ def courses(
         walks = [atlas.walk(group, y, leg.waveform) for group, y in zip(groups, starts, strict=True)]
         stop = None
         if watch is not None:
+            from simulator.until import first_stop  # a run without `until` does without
+
             stop, walks = first_stop(watch, walks, leg.waveform, SAME_INSTANT)
         yield Course(leg, tuple(walks), stop)
         if stop is not None or leg is legs[-1]:

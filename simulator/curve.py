@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
+    from simulator.units import Dimension, Scales
+
 FloatArray = NDArray[np.float64]
 
 
@@ -62,6 +64,10 @@ class Curve:
     points : tuple of SpecialPoint
         In order; the last says why the path ends.
     ida_steps : int
+    radius : (n_balloons,) array
+        Unstretched, over the reference balloon's.
+    scales : Scales or None
+        What is 1 in SI units, for a scenario with [scales].
     """
 
     title: str
@@ -78,6 +84,8 @@ class Curve:
     unstable: NDArray[np.int64]
     points: tuple[SpecialPoint, ...]
     ida_steps: int
+    radius: FloatArray
+    scales: Scales | None = None
 
     def __len__(self) -> int:
         return int(self.arclength.size)
@@ -131,6 +139,10 @@ class FoldCurve:
         Why it ends: "reached", "cusp" (two limit points meet), "loss_of_tension" (p = 0), "zero_voltage",
         "inflation_limit" (the inflated state itself ends).
     ida_steps : int
+    dimension : Dimension or None
+        What the parameter measures.
+    scales : Scales or None
+        What is 1 in SI units, for a scenario with [scales].
     """
 
     title: str
@@ -142,6 +154,8 @@ class FoldCurve:
     pressure: FloatArray
     end: str
     ida_steps: int
+    dimension: Dimension | None = None
+    scales: Scales | None = None
 
     def __len__(self) -> int:
         return int(self.value.size)

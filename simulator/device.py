@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.drive import VoltageCurve, VoltageLine, Way
+from simulator.charged import ChargedMembrane
+from simulator.drive import Quantity, VoltageCurve, VoltageLine, Way
 from simulator.elastomer import Elastomer, Gent, NeoHookean
+from simulator.gas import Adiabatic, Contents, Incompressible, Isothermal, Law
 from simulator.model import (
     AnyMembrane,
     ElectrodedMembrane,
@@ -20,10 +22,11 @@ from simulator.model import (
     OscillatingMembrane,
     SealedBalloons,
 )
+from simulator.spectrum import CONSTRAINED
 from simulator.strength import ConstantStrength, PowerStrength, Strength
 
 if TYPE_CHECKING:
-    from simulator.scenario import Balloon, Scenario
+    from simulator.scenario import Balloon, Gas, Scenario
 
 FloatArray = NDArray[np.float64]
 
@@ -33,7 +36,7 @@ class Device:
     """The balloons of a scenario, arrays of shape (n_balloons,).
 
     `electroded` are the indices of the balloons with electrodes, `strength` the dielectric strengths of
-    their films (None where the scenario names none).
+    their films (None where the scenario names none), `law` that of the gas or liquid they share.
     """
 
     names: tuple[str, ...]
@@ -44,7 +47,7 @@ class Device:
     permittivity: FloatArray
     electroded: tuple[int, ...]
     strength: tuple[Strength | None, ...]
-    ambient: float
+    law: Law
 
     @classmethod
     def from_scenario(cls, scenario: Scenario) -> Device:
@@ -60,7 +63,7 @@ class Device:
             permittivity=np.array([b.permittivity for b in balloons]),
             electroded=electroded,
             strength=tuple(_strength(balloons[i]) for i in electroded),
-            ambient=scenario.gas.ambient_pressure,
+            law=_law(scenario.gas),
         )
 
     def bare(self, balloon: int) -> Device:
@@ -75,8 +78,13 @@ class Device:
             self.permittivity[one],
             (),
             (),
-            self.ambient,
+            self.law,
         )
+
+    @property
+    def ambient(self) -> float:
+        """Ambient pressure, over μH/R."""
+        return float(self.law.ambient)
 
     @cached_property
     def walls(self) -> tuple[Membrane, ...]:
@@ -89,7 +97,7 @@ class Device:
         )
 
     def membrane(self, balloon: int, way: Way) -> AnyMembrane:
-        """One balloon's wall under its share of the voltages; without one, the bare wall."""
+        """One balloon's wall under its share of the voltages or charges; without one, the bare wall."""
         wall = self.walls[balloon]
         if balloon not in self.electroded:
             return wall
@@ -102,25 +110,32 @@ class Device:
                 return OscillatingMembrane(*film, offset, way.amplitude[place], way.phase[place])
         else:
             offset, rate = way.offset[place], way.rate[place]
-        return wall if offset == 0.0 and rate == 0.0 else ElectrodedMembrane(*film, offset, rate)
+        if offset == 0.0 and rate == 0.0:
+            return wall
+        if way.quantity == "charge":
+            _, _, capacitance, _ = film
+            load = 2.0 / (wall.weight * capacitance)
+            return ChargedMembrane(wall, load, capacitance, float(h), offset, rate)
+        return ElectrodedMembrane(*film, offset, rate)
 
-    def sealed(self, amount: float, way: Way) -> SealedBalloons:
-        """Valve closed over `amount` of gas, voltages moving along `way`."""
-        return SealedBalloons(
-            tuple(self.membrane(i, way) for i in range(len(self.names))), amount, self.ambient
-        )
+    def sealed(self, gas: Contents, way: Way) -> SealedBalloons:
+        """Valve closed over a gas (or liquid), voltages or charges moving along `way`."""
+        return SealedBalloons(tuple(self.membrane(i, way) for i in range(len(self.names))), gas)
 
     def actuated(self, balloon: int, pressure: float, way: Way) -> OpenBalloon:
-        """One balloon with the valve open at `pressure`, voltages moving along `way`."""
+        """One balloon with the valve open at `pressure`, voltages or charges moving along `way`."""
         return OpenBalloon(self.membrane(balloon, way), pressure, 0.0)
 
-    def inflated(self, balloon: int, voltages: Sequence[float]) -> OpenBalloon:
-        """One balloon with the valve open under a moving pressure, voltages held."""
-        held = VoltageLine(tuple(voltages), (0.0,) * len(voltages))
-        return OpenBalloon(self.membrane(balloon, held), 0.0, 1.0)
+    def inflated(self, balloon: int, values: Sequence[float], quantity: Quantity = "voltage") -> OpenBalloon:
+        """One balloon with the valve open under a moving pressure, voltages or charges held."""
+        return OpenBalloon(self.membrane(balloon, VoltageLine.still(values, quantity)), 0.0, 1.0)
 
     def volume(self, stretch: FloatArray) -> FloatArray:
-        """V = Σ rᵢ³λᵢ³/3 of states (n, n_balloons), over 4πR³."""
+        """V = V_c + Σ rᵢ³λᵢ³/3 of states (n, n_balloons), with the chamber's V_c, over 4πR³."""
+        return np.asarray(self.swelling(stretch) + self.law.chamber)
+
+    def swelling(self, stretch: FloatArray) -> FloatArray:
+        """The balloons' share of the volume."""
         return np.asarray(stretch**3 @ (self.radius**3 / 3.0))
 
     def field(self, stretch: FloatArray, voltage: FloatArray) -> FloatArray:
@@ -145,8 +160,21 @@ class Device:
     def charge(self, stretch: FloatArray, voltage: FloatArray) -> FloatArray:
         """Charges r²(e/h)φλ⁴, (n, n_electroded), over 4πR²√(εμ)."""
         chosen = list(self.electroded)
-        capacitance = self.radius[chosen] ** 2 * self.permittivity[chosen] / self.thickness[chosen]
-        return np.asarray(capacitance * voltage * stretch[:, chosen] ** 4)
+        return np.asarray(self._unstretched_capacitance * voltage * stretch[:, chosen] ** 4)
+
+    def voltage(self, way: Way, v: FloatArray, stretch: FloatArray) -> FloatArray:
+        """Voltages (n, n_electroded) of states (n, n_balloons) at n places of the drive's way."""
+        if way.quantity == "voltage":
+            return way.at(v)
+        return np.asarray(
+            way.at(v) / (self._unstretched_capacitance * stretch[:, list(self.electroded)] ** 4)
+        )
+
+    @cached_property
+    def _unstretched_capacitance(self) -> FloatArray:
+        """r²e/h of the balloons with electrodes."""
+        chosen = list(self.electroded)
+        return np.asarray(self.radius[chosen] ** 2 * self.permittivity[chosen] / self.thickness[chosen])
 
     def energy(
         self,
@@ -155,13 +183,18 @@ class Device:
         voltage: FloatArray,
         gas: FloatArray,
         is_open: NDArray[np.bool_],
+        charged: NDArray[np.bool_] | None = None,
     ) -> FloatArray:
-        """The potential Π of states (n,), with −pV for its gas terms where the valve is open."""
+        """The potential Π of states (n,), with −pV for its gas terms where the valve is open.
+
+        Where the charges are given (`charged`) it has +½φq in place of −½φq.
+        """
         volume = self.volume(stretch)
         elastic = sum(w.potential(x, 0.0) for w, x in zip(self.walls, stretch.T, strict=True))
         electric = 0.5 * np.sum(self.charge(stretch, voltage) * voltage, axis=1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            sealed = np.where(gas > 0.0, -gas * np.log(volume), 0.0) + self.ambient * volume
+        if charged is not None:
+            electric = np.where(charged, -electric, electric)
+        sealed = self.law.energy(gas, pressure, volume)
         return np.asarray(elastic - electric + np.where(is_open, -pressure * volume, sealed))
 
     def stability(
@@ -171,21 +204,47 @@ class Device:
         voltage: FloatArray,
         gas: FloatArray,
         is_open: NDArray[np.bool_],
+        charged: NDArray[np.bool_] | None = None,
     ) -> FloatArray:
-        """Smallest eigenvalue of the Hessian of Π in the stretches, (n,)."""
+        """Smallest eigenvalue of the Hessian of Π in the stretches, (n,).
+
+        At given voltages, or where `charged` at given charges.
+
+        With a liquid, of what changes no volume; NaN where nothing can move (one balloon).
+        """
+        diagonal = self._curvatures(stretch, pressure, voltage, "voltage")
+        if charged is not None and charged.any():
+            charge = self.charge(stretch, voltage)
+            at_charge = self._curvatures(stretch, pressure, charge, "charge")
+            diagonal = np.where(charged[:, None], at_charge, diagonal)
+        arms = self.radius**3 * stretch**2
+        stiffness = self.law.stiffness(gas, pressure, self.volume(stretch))
+        if self.law.spectrum is CONSTRAINED:
+            return np.where(is_open, diagonal.min(axis=1), _across(diagonal, arms))
+        return smallest_eigenvalue(diagonal, np.where(is_open, 0.0, stiffness), arms)
+
+    def _curvatures(
+        self, stretch: FloatArray, pressure: FloatArray, drive: FloatArray, quantity: Quantity
+    ) -> FloatArray:
+        """r²h ∂g/∂λ of each balloon, (n, n_balloons), at given pressures and voltages or charges."""
         diagonal = np.empty_like(stretch)
-        line = VoltageLine((0.0,) * len(self.electroded), (1.0,) * len(self.electroded))
+        line = VoltageLine.common(len(self.electroded), quantity)
         for i, (wall, x) in enumerate(zip(self.walls, stretch.T, strict=True)):
             membrane = self.membrane(i, line)
-            v = voltage[:, self.electroded.index(i)] if i in self.electroded else 0.0
+            v = drive[:, self.electroded.index(i)] if i in self.electroded else 0.0
             force, slope, _, _ = membrane.linearised(x, pressure, v)
             _, denominator = wall.elastomer.pole_form(x)
             _, denominator_slope = wall.elastomer.pole_form_slope(x)
             # ∂g/∂λ from R = Dg, also right where g is not zero (states in which a snap lost its tension).
             diagonal[:, i] = wall.weight * (slope - force / denominator * denominator_slope) / denominator
-        arms = self.radius**3 * stretch**2
-        coupling = np.where(is_open, 0.0, gas / self.volume(stretch) ** 2)
-        return smallest_eigenvalue(diagonal, coupling, arms)
+        return diagonal
+
+
+def _across(diagonal: FloatArray, arms: FloatArray) -> FloatArray:
+    """Smallest eigenvalues of diag(d) across a, for n pairs of d and a, (n, k)."""
+    if diagonal.shape[1] == 1:
+        return np.full(len(diagonal), np.nan)
+    return np.asarray(CONSTRAINED.eigenvalue(list(diagonal.T), list((arms**2).T), 0))
 
 
 def smallest_eigenvalue(diagonal: FloatArray, coupling: FloatArray, arms: FloatArray) -> FloatArray:
@@ -219,6 +278,16 @@ def _strength(balloon: Balloon) -> Strength | None:
             chosen.field, chosen.stretch_exponent, chosen.thickness_exponent, balloon.thickness
         )
     return ConstantStrength(chosen.field)
+
+
+def _law(gas: Gas) -> Law:
+    match gas.law:
+        case "isothermal":
+            return Isothermal(gas.ambient_pressure, gas.chamber)
+        case "adiabatic":
+            return Adiabatic(gas.ambient_pressure, gas.chamber, gas.exponent)
+        case "liquid":
+            return Incompressible(gas.ambient_pressure, gas.chamber)
 
 
 def _elastomer(balloon: Balloon) -> Elastomer:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,13 +22,15 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 FloatArray = NDArray[np.float64]
+# What the source of the electrodes gives; the other follows.
+Quantity = Literal["voltage", "charge"]
 
 _ONE_CORNER = 1e-12  # corners of two triangles closer than this part of a period are one
 
 
 @dataclass(frozen=True)
 class VoltageLine:
-    """A line φᵢ = offsetᵢ + rateᵢ·v in the space of the electroded balloons' voltages.
+    """A line φᵢ = offsetᵢ + rateᵢ·v in the space of the electroded balloons' voltages, or of their charges.
 
     Its form is canonical: the largest rate is 1 and its offset 0, so v is that balloon's voltage and
     two steps along the same line, there and back, compare equal.
@@ -36,30 +38,38 @@ class VoltageLine:
 
     offset: tuple[float, ...]
     rate: tuple[float, ...]
+    quantity: Quantity = "voltage"
 
     @classmethod
-    def through(cls, start: Sequence[float], end: Sequence[float]) -> VoltageLine:
-        """The line from one set of voltages to another; from a set to itself, that set at any v."""
+    def still(cls, values: Sequence[float], quantity: Quantity = "voltage") -> VoltageLine:
+        """One set of voltages or charges, at any v."""
+        return cls(tuple(values), (0.0,) * len(values), quantity)
+
+    @classmethod
+    def through(
+        cls, start: Sequence[float], end: Sequence[float], quantity: Quantity = "voltage"
+    ) -> VoltageLine:
+        """The line from one set of values to another; from a set to itself, that set at any v."""
         change = [b - a for a, b in zip(start, end, strict=True)]
         largest = max(change, key=abs)
         if largest == 0.0:
-            return cls(tuple(start), (0.0,) * len(change))
+            return cls.still(start, quantity)
         leader = change.index(largest)
         rate = tuple(c / largest for c in change)
         offset = tuple(
             0.0 if i == leader or a == r * start[leader] else a - r * start[leader]
             for i, (a, r) in enumerate(zip(start, rate, strict=True))
         )
-        return cls(offset, rate)
+        return cls(offset, rate, quantity)
 
     @classmethod
-    def common(cls, count: int) -> VoltageLine:
-        """One voltage on all electrodes: φᵢ = v."""
-        return cls((0.0,) * count, (1.0,) * count)
+    def common(cls, count: int, quantity: Quantity = "voltage") -> VoltageLine:
+        """One voltage (or charge) on all electrodes: φᵢ = v."""
+        return cls((0.0,) * count, (1.0,) * count, quantity)
 
     @property
     def moves(self) -> tuple[bool, ...]:
-        """Which voltages change along it."""
+        """Which voltages, or charges, change along it."""
         return tuple(bool(rate) for rate in self.rate)
 
     def coordinate(self, voltages: Sequence[float]) -> float:
@@ -67,7 +77,7 @@ class VoltageLine:
         return float(voltages[self.rate.index(1.0)]) if any(self.rate) else 0.0
 
     def at(self, v: FloatArray | float) -> FloatArray:
-        """Voltages at v: shape (n_electroded,) for a float, (n, n_electroded) for n values."""
+        """Voltages, or charges, at v: shape (n_electroded,) for a float, (n, n_electroded) for n values."""
         return np.asarray(np.multiply.outer(v, self.rate) + np.asarray(self.offset))
 
 
@@ -90,6 +100,7 @@ class VoltageCurve:
     mean: tuple[float, ...]
     amplitude: tuple[float, ...]
     phase: tuple[float, ...]
+    quantity: ClassVar[Quantity] = "voltage"
 
     @property
     def moves(self) -> tuple[bool, ...]:
@@ -154,7 +165,7 @@ class Waveform:
 
 @dataclass(frozen=True)
 class Leg:
-    """A part of a step, from fraction `start` to `end` of it: the way the voltages go, and how v moves."""
+    """A part of a step, from fraction `start` to `end` of it: the way that voltages go, and how v moves."""
 
     way: Way
     waveform: Waveform

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.events import Condition, softest_mode
+from simulator.events import Condition, modes, softest_mode
 from simulator.model import Equations, Rows, SealedBalloons
 
 FloatArray = NDArray[np.float64]
@@ -28,15 +28,20 @@ class NotConverged(ArithmeticError):
 def linearised(equations: Equations, states: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Residuals (n, n_unknowns − 1) and their Jacobians (n, n_unknowns − 1, n_unknowns) of n states."""
     unknowns, count = states.shape
-    residual, rows = equations.linearised(states)
     right = np.empty((count, unknowns - 1))
     matrices = np.zeros((count, unknowns - 1, unknowns))
+    _linearise(equations, states, right, matrices)
+    return right, matrices
+
+
+def _linearise(equations: Equations, states: FloatArray, right: FloatArray, matrices: FloatArray) -> None:
+    """As `linearised`, into arrays that are there; zeros are left as they are."""
+    residual, rows = equations.linearised(states)
     for i, row in enumerate(rows):
         right[:, i] = residual[i]
         for j, entry in enumerate(row):
             if not isinstance(entry, float) or entry:
                 matrices[:, i, j] = entry
-    return right, matrices
 
 
 def on_planes(
@@ -65,29 +70,30 @@ def on_planes(
     states = guesses.copy()
     unknowns, count = states.shape
     scales = equations.scales[:, None]
-    matrices = np.empty((count, unknowns, unknowns))
+    matrices = np.zeros((count, unknowns, unknowns))
     matrices[:, -1, :] = normals.T
     right = np.zeros((count, unknowns, 2))
     right[:, -1, 1] = 1.0
+    residual = right[:, :-1, 0]
     before = np.full(count, np.nan)  # unknown: no first step is believed
-    for _ in range(_ITERATIONS):
-        residual, matrices[:, :-1, :] = linearised(equations, states)
-        right[:, :-1, 0] = residual
+    for iteration in range(_ITERATIONS):
+        _linearise(equations, states, residual, matrices)
         try:
             solved = np.linalg.solve(matrices, right)
         except np.linalg.LinAlgError:
             break
         step = solved[:, :, 0].T
         states -= step
-        size = np.max(np.abs(step) / np.maximum(np.abs(states), scales), axis=0)
+        size = (np.abs(step) / np.maximum(np.abs(states), scales)).max(axis=0)
         if not size.max() < 1e3:  # also where it is not a number
             break
         # Newton's method squares the error: the next step would be about size³/before².
         done = (size**3 <= 1e-15 * before**2) & (size <= accuracy) | (size <= 4e-15)
-        if not done.all():
+        if iteration > 1 and not done.all():
             # Beside a fold or a stretch limit rounding keeps the steps larger than that. A residual that
             # the last bits of the unknowns make up is zero.
             noise = np.einsum("nij,jn->ni", np.abs(matrices[:, :-1]), np.abs(states))
+            noise += np.broadcast_to(equations.given_load(states), count)[:, None]
             done |= np.all(np.abs(residual) <= 16.0 * _EPS * noise, axis=1)
         if done.all():
             return states, np.asarray(solved[:, :, 1].T)
@@ -120,16 +126,17 @@ def one_at_drive(equations: Equations, guess: FloatArray) -> FloatArray:
             size = max(size, abs(change) / max(abs(state[i]), scales[i]))
         if not size < 1e3:
             break
-        if size**3 <= 1e-15 * before**2 or size <= 4e-15 or _is_noise(residual, rows, state):
+        if size**3 <= 1e-15 * before**2 or size <= 4e-15 or _is_noise(equations, residual, rows, state):
             return np.array(state)
         before = size
     raise NotConverged("state at a given drive")
 
 
-def _is_noise(residual: Sequence[float], rows: Rows, state: Sequence[float]) -> bool:
+def _is_noise(equations: Equations, residual: Sequence[float], rows: Rows, state: Sequence[float]) -> bool:
     """Whether a residual is no more than the last bits of the unknowns make it."""
+    given = equations.given_load(state)
     return all(
-        abs(r) <= 16.0 * _EPS * sum(abs(a * y) for a, y in zip(row, state, strict=True))
+        abs(r) <= 16.0 * _EPS * (given + sum(abs(a * y) for a, y in zip(row, state, strict=True)))
         for r, row in zip(residual, rows, strict=True)
     )
 
@@ -180,20 +187,28 @@ def at_event(equations: Equations, condition: Condition, guess: FloatArray) -> F
     for _ in range(2 * _ITERATIONS):
         values = state.tolist()
         residual, rows = equations.linearised(values)
+        if not np.all(np.isfinite(residual)):
+            break
         defect = np.array([*residual, condition.margin(values)])
         if not np.all(np.isfinite(defect)):
             break
         slope = condition.slope(state).tolist()
+        if not np.all(np.isfinite(slope)):
+            break
         # In sizes of the state itself: near a stretch limit the pressure or voltage is far above its scale.
         scales = np.maximum(equations.scales, np.abs(state))
         matrix = np.array([*rows, slope], dtype=np.float64) * scales
         # Rows of one size, so that only a true singularity is cut off, not a small row.
         sizes = np.sqrt(np.einsum("ij,ij->i", matrix, matrix))
+        if not sizes.all():
+            break  # a margin that nothing changes
         step = np.linalg.lstsq(matrix / sizes[:, None], defect / sizes, rcond=1e-9)[0]
         state = state - scales * step
         size = float(np.max(np.abs(step)))
         settled = size <= 4e-15 or size**3 <= 1e-15 * before**2
-        if settled or (not size < 0.5 * before and _is_noise(defect.tolist(), [*rows, slope], values)):
+        if settled or (
+            not size < 0.5 * before and _is_noise(equations, defect.tolist(), [*rows, slope], values)
+        ):
             even = _symmetric(equations, np.asarray(state))
             # Told apart by rounding only, equal balloons split a multiple eigenvalue: again, from the middle.
             return even if np.abs(even - state).max() <= 1e-12 else at_event(equations, condition, even)
@@ -208,7 +223,7 @@ def _symmetric(equations: Equations, state: FloatArray) -> FloatArray:
     """
     even = _evened(equations, state)
     residual, rows = equations.linearised(even.tolist())
-    return even if _is_noise(residual, rows, even.tolist()) else state
+    return even if _is_noise(equations, residual, rows, even.tolist()) else state
 
 
 def _evened(equations: Equations, state: FloatArray) -> FloatArray:
@@ -257,6 +272,18 @@ def escape_direction(equations: Equations, state: FloatArray, direction: float) 
     return np.asarray(change / np.linalg.norm(change))
 
 
+def softest_change(equations: Equations, state: FloatArray) -> FloatArray:
+    """The softest mode as a change of the stretches, unit length, (n_balloons,)."""
+    # S = T H T: the mode z of S is the mode T z of H.
+    values = state.tolist()
+    scale = [
+        np.sqrt(max(w.elastomer.pole_form(x)[1], 1e-300) / w.weight)
+        for w, x in zip(equations.walls, values, strict=False)
+    ]
+    change = np.array(scale) * softest_mode(equations, state)
+    return np.asarray(change / np.linalg.norm(change))
+
+
 def parting_direction(equations: Equations, state: FloatArray) -> FloatArray:
     """How the stretches part at a branch point: of all soft modes, what lets the first balloon grow most.
 
@@ -264,11 +291,10 @@ def parting_direction(equations: Equations, state: FloatArray) -> FloatArray:
     is the direction in which another branch leaves. Unit length, (n_balloons,).
     """
     values = state.tolist()
-    diagonal, squares = equations.stiffness(values)
-    arms = np.sqrt(np.maximum(squares, 0.0))
-    sizes, modes = np.linalg.eigh(np.diag(diagonal) + np.outer(arms, arms))
-    soft = modes[:, np.abs(sizes) <= 1e-8 * np.abs(sizes).max()]
-    soft = soft if soft.size else modes[:, :1]
+    diagonal, _ = equations.stiffness(values)
+    sizes, vectors = modes(equations, state)
+    soft = vectors[:, np.abs(sizes) <= 1e-8 * max(np.abs(sizes).max(), np.abs(diagonal).max())]
+    soft = soft if soft.size else vectors[:, :1]
     first = int(np.argmax(np.abs(soft).max(axis=1) > 1e-3))
     walls = equations.walls
     scale = np.array(

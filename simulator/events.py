@@ -6,13 +6,13 @@ event. IDA evaluates it between residual calls, so it must compute from its argu
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.charged import ChargedMembrane
 from simulator.elastomer import Number
 from simulator.model import (
     ElectrodedMembrane,
@@ -53,7 +53,9 @@ def conditions(
     else:
         membranes = (equations.membrane,)
     for place, (membrane, strength) in enumerate(zip(membranes, strengths, strict=True)):
-        if strength is not None and isinstance(membrane, ElectrodedMembrane | OscillatingMembrane):
+        if strength is not None and isinstance(
+            membrane, ElectrodedMembrane | ChargedMembrane | OscillatingMembrane
+        ):
             found.append(intactness(membrane, place, strength))
     return tuple(found)
 
@@ -65,20 +67,25 @@ def stability(equations: Equations) -> Condition:
 
 def singularity(equations: Equations, place: int, sign: float) -> Condition:
     """±1 times the eigenvalue of S at a place in ascending order; zero where S is singular."""
+    stiffness, eigenvalue = equations.stiffness, equations.spectrum.eigenvalue
 
     def margin(y: State) -> Number:
-        diagonal, squares = equations.stiffness(y)
-        return sign * _eigenvalue(diagonal, squares, place)
+        return sign * eigenvalue(*stiffness(y), place)
 
     def slope(y: FloatArray) -> FloatArray:
-        # Of the eigenvalue z·Sz: z·S′z, with S′ by complex steps in all unknowns at once.
-        mode = softest_mode(equations, y, place)
+        # By complex steps in all unknowns at once.
         diagonal, squares = (
-            np.array(np.broadcast_arrays(*part, y)[:-1]) for part in equations.stiffness(_complex_steps(y))
+            np.array(np.broadcast_arrays(*part, y)[:-1], dtype=complex)
+            for part in stiffness(_complex_steps(y))
         )
-        arms = np.sqrt(np.maximum(squares.real[:, :1], 0.0))
-        turns = np.divide(squares.imag, 2.0 * arms, out=np.zeros_like(squares.imag), where=arms > 0.0)
-        return np.asarray(sign * (mode**2 @ diagonal.imag + 2.0 * (mode @ arms) * (mode @ turns)) / _STEP)
+        slopes = equations.spectrum.slopes(
+            softest_mode(equations, y, place),
+            diagonal.real[:, 0],
+            squares.real[:, 0],
+            diagonal.imag,
+            squares.imag,
+        )
+        return np.asarray(sign * slopes / _STEP)
 
     return Condition("limit_point", margin, slope)
 
@@ -96,7 +103,7 @@ def tension(equations: SealedBalloons) -> Condition:
 
 
 def intactness(
-    membrane: ElectrodedMembrane | OscillatingMembrane, place: int, strength: Strength
+    membrane: ElectrodedMembrane | ChargedMembrane | OscillatingMembrane, place: int, strength: Strength
 ) -> Condition:
     """1 − (E/E_b)² of one electroded balloon; at zero its film breaks down."""
 
@@ -121,33 +128,17 @@ def _complex_steps(y: FloatArray) -> NDArray[np.complex128]:
 
 
 def eigenvalues(equations: Equations, y: FloatArray) -> FloatArray:
-    """Eigenvalues of S at one state, ascending, shape (n_balloons,)."""
-    diagonal, squares = equations.stiffness(y.tolist())
-    arms = np.sqrt(np.maximum(squares, 0.0))
-    return np.asarray(np.linalg.eigvalsh(np.diag(diagonal) + np.outer(arms, arms)))
+    """Eigenvalues of S at one state, ascending: one for each balloon, with a liquid one fewer."""
+    return modes(equations, y)[0]
+
+
+def modes(equations: Equations, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Eigenvalues of S at one state, ascending, (n_modes,), and unit eigenvectors, (n_balloons, n_modes)."""
+    return equations.spectrum.modes(*equations.stiffness(y.tolist()))
 
 
 def softest_mode(equations: Equations, y: FloatArray, place: int = 0) -> FloatArray:
     """Unit eigenvector of S at one state for its smallest eigenvalue (or that at `place`), (n_balloons,)."""
-    diagonal, squares = equations.stiffness(y.tolist())
-    arms = np.sqrt(np.maximum(squares, 0.0))
-    _, vectors = np.linalg.eigh(np.diag(diagonal) + np.outer(arms, arms))
-    return np.asarray(vectors[:, place])
-
-
-def _eigenvalue(diagonal: list[Number], squares: list[Number], place: int) -> Number:
-    if len(diagonal) == 1:
-        return diagonal[0] + squares[0]
-    if len(diagonal) == 2:
-        (d, e), (s, t) = diagonal, squares
-        half = 0.5 * (d + s - e - t)
-        square = half * half + s * t
-        # D, and with it s or t, can be a rounding error below zero at the stretch limit.
-        root = math.sqrt(max(square, 0.0)) if isinstance(square, float) else np.sqrt(np.maximum(square, 0.0))
-        return 0.5 * (d + s + e + t) + (root if place else -root)
-    arms = np.sqrt(np.maximum(np.asarray(squares).T, 0.0))
-    matrices = arms[..., :, None] * arms[..., None, :]
-    index = np.arange(len(diagonal))
-    matrices[..., index, index] += np.asarray(diagonal).T
-    found = np.linalg.eigvalsh(matrices)[..., place]
-    return float(found) if found.ndim == 0 else found
+    vectors = modes(equations, y)[1]
+    # One balloon on a liquid cannot move.
+    return np.asarray(vectors[:, place]) if vectors.size else np.zeros(len(vectors))

@@ -6,24 +6,31 @@ Nothing is solved. The text is read off the same assembly that a run uses.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from simulator import assembly
+from simulator import assembly, units
+from simulator.charged import ChargedMembrane
 from simulator.device import Device
+from simulator.gas import Adiabatic, Isothermal
 from simulator.model import Membrane, OscillatingMembrane, SealedBalloons
-from simulator.scenario import Hold, Inflate, Jump, duration, until_of
+from simulator.scenario import Charge, Hold, Inflate, Jump, Ramp, duration, until_of
 from simulator.strength import PowerStrength
-from simulator.until import Watch
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from simulator.assembly import Group
+    from simulator.drive import Leg, Way
+    from simulator.gas import Law
     from simulator.scenario import ConstantBreakdown, PlayedStep, PowerBreakdown, Scenario
+    from simulator.units import Scales
 
 _MOST_STEPS = 24
+_SAME_VOLTAGE = 1e-15  # what rounding leaves of a sine
+_UNKNOWN = 0.123456789  # a voltage or charge that only a run can tell, and nobody asks for
 
 
 def explain(scenario: Scenario) -> str:
@@ -41,10 +48,67 @@ def explain(scenario: Scenario) -> str:
     return "\n".join(_lines(scenario))
 
 
+class Assembled(NamedTuple):
+    """A step with what it assembles: how its drive moves, and the sets of equations that move with it.
+
+    `ways` are the different ways of its `legs`, each with its sets of equations, none where nothing moves;
+    `voltage` is that before the step.
+    """
+
+    step: PlayedStep
+    legs: tuple[Leg, ...]
+    ways: dict[Way, list[Group]]
+    voltage: Sequence[float]
+
+    @property
+    def groups(self) -> list[Group]:
+        """The sets of equations of all ways."""
+        return [group for groups in self.ways.values() for group in groups]
+
+
+def assembled(scenario: Scenario) -> Iterator[Assembled]:
+    """The steps of a scenario in the order they are played, with what each assembles; nothing is solved."""
+    device = Device.from_scenario(scenario)
+    nothing = [0.0] * len(device.electroded)
+    source = assembly.Electrodes(nothing, nothing, "voltage")
+    pressure = 0.0
+    some_gas = device.law.sealed(1.0, 1.0)
+    for step in scenario.played_steps():
+        source = replace(source, given=assembly.given_by(step) or source.given)
+        legs = assembly.motion(step, scenario.electroded, source, pressure)
+        ways: dict[Way, list[Group]] = {}
+        for leg in legs:
+            moves = isinstance(step, Jump) or bool((leg.waveform.values != leg.waveform.values[0]).any())
+            if not moves:
+                ways.setdefault(leg.way, [])
+            elif not ways.get(leg.way):
+                if isinstance(step, Inflate):
+                    ways[leg.way] = assembly.inflating(device, leg.way)
+                elif step.valve == "open":
+                    ways[leg.way] = assembly.actuated_open(device, leg.way, pressure=pressure)
+                else:
+                    ways[leg.way] = assembly.actuated(device, leg.way, gas=some_gas)
+        yield Assembled(step, legs, ways, source.voltage)
+        if isinstance(step, Inflate):
+            pressure = step.inflate
+        elif not isinstance(step, Hold):
+            way, waveform = legs[-1].way, legs[-1].waveform
+            # Where a step ends early is not known here; some place on the way stands for it.
+            end = waveform.at(np.array([0.4]))[0] if until_of(step) else waveform.values[-1]
+            reached = way.at(float(end)).tolist()
+            follows = [0.0 if value == 0.0 else _UNKNOWN for value in reached]
+            voltage, charge = (reached, follows) if way.quantity == "voltage" else (follows, reached)
+            source = assembly.Electrodes(voltage, charge, way.quantity)
+
+
 def _lines(scenario: Scenario) -> Iterator[str]:
     device = Device.from_scenario(scenario)
     yield scenario.title
     yield ""
+    if scenario.scales is not None:
+        yield "Scales"
+        yield from (f"  {line}" for line in _scales(scenario.scales))
+        yield ""
     yield "Balloons"
     for balloon in scenario.balloons:
         elastomer = ", ".join(f"{key} = {value}" for key, value in balloon.elastomer.model_dump().items())
@@ -55,52 +119,43 @@ def _lines(scenario: Scenario) -> Iterator[str]:
             yield f"    its film breaks down at {_breakdown_law(balloon.breakdown, balloon.thickness)}"
     yield ""
     yield "Steps"
-    voltage: Sequence[float] = [0.0] * len(device.electroded)
-    pressure, was_open = 0.0, False
+    was_open = False
     seen: set[str] = set()
-    steps = list(scenario.played_steps())
-    for number, step in enumerate(steps, start=1):
+    total = sum(1 for _ in scenario.played_steps())
+    for number, (step, legs, ways, before) in enumerate(assembled(scenario), start=1):
         if number > _MOST_STEPS:
-            yield f"  … and {len(steps) - _MOST_STEPS} more steps"
+            yield f"  … and {total - _MOST_STEPS} more steps"
             break
-        legs = assembly.motion(step, scenario.electroded, voltage, pressure)
-        first, last = legs[0], legs[-1]
-        # Of waves by name a leg in which most move stands for all.
-        way = max((leg.way for leg in legs), key=lambda way: sum(way.moves))
         opens = isinstance(step, Inflate) or step.valve == "open"
-        if isinstance(step, Inflate):
-            groups = assembly.inflating(device, voltage)
-        elif opens:
-            groups = assembly.actuated_open(device, way, pressure=pressure)
-        else:
-            groups = assembly.actuated(device, way, amount=1.0)
-        moves = isinstance(step, Jump) or any(
-            (leg.waveform.values != leg.waveform.values[0]).any() for leg in legs
-        )
-        pieces = sum(leg.waveform.fractions.size - 1 for leg in legs)
-        yield from _step(number, step, pieces, groups if moves else [], device)
+        # Of waves by name a leg in which most move stands for all.
+        groups = ways[max(ways, key=lambda way: sum(way.moves))]
+        yield from _step(number, step, sum(leg.waveform.fractions.size - 1 for leg in legs), groups, device)
         if until := until_of(step):
+            from simulator.until import Watch
+
             ends = " or ".join(Watch.over(until, device).labels)
             yield f"     until      {ends}: the step ends there, if that comes first"
-        begins = first.way.at(float(first.waveform.values[0]))
-        if not isinstance(step, Inflate | Hold | Jump) and np.abs(begins - voltage).max() > 1e-15:
+        begins = legs[0].way.at(float(legs[0].waveform.values[0]))
+        stays = isinstance(step, Inflate | Hold | Jump | Ramp | Charge)
+        if not stays and np.abs(begins - before).max() > _SAME_VOLTAGE:
             to = ", ".join(f"{v:g}" for v in dict.fromkeys(begins.tolist()))
             yield f"     begins by a jump of the voltage to {to}, as a jump step does"
         if opens and not was_open and not isinstance(step, Inflate) and number > 1:
             yield "     opens the valve: a balloon that only the shared gas held would leave, by a jump"
         was_open = opens
-        for group in groups if moves else []:
-            seen |= {condition.kind for condition in group.conditions}
-        if isinstance(step, Inflate):
-            pressure = step.inflate
-        elif not isinstance(step, Hold):
-            # Where a step ends early is not known here; some voltage on the way stands for it.
-            waveform = last.waveform
-            end = float(waveform.at(np.array([0.4]))[0] if until_of(step) else waveform.values[-1])
-            voltage = last.way.at(end).tolist()
+        seen |= {condition.kind for group in groups for condition in group.conditions}
     yield ""
     yield "Left out"
-    yield from (f"  {reason}" for reason in _left_out(scenario, steps, seen))
+    yield from (f"  {reason}" for reason in _left_out(scenario, list(scenario.played_steps()), seen))
+
+
+def _scales(scales: Scales) -> Iterator[str]:
+    """What one of the dimensionless numbers below is worth."""
+    given = ((units.MODULUS, "μ"), (units.THICKNESS, "H"), (units.RADIUS, "R"))
+    reference = ", ".join(f"{symbol} = {units.said(of, scales.of(of))}" for of, symbol in given)
+    yield f"reference balloon: {reference}, ε = {scales.permittivity:g} of the vacuum"
+    for of in (units.PRESSURE, units.VOLTAGE, units.FIELD, units.CHARGE, units.ENERGY, units.TIME):
+        yield f"{of.scale} 1 is {units.said(of, scales.of(of))}"
 
 
 def _breakdown_law(law: ConstantBreakdown | PowerBreakdown, thickness: float) -> str:
@@ -135,8 +190,8 @@ def _step(number: int, step: PlayedStep, pieces: int, groups: list[Group], devic
 
 def _drive(step: PlayedStep, group: Group) -> str:
     """What moves the equations of a group."""
-    if isinstance(step, Inflate):
-        return "pressure"
+    if isinstance(step, Inflate | Charge):
+        return "pressure" if isinstance(step, Inflate) else "charge"
     return "voltage" if math.isinf(group.equations.longest_step) else "θ, the time in periods"
 
 
@@ -155,7 +210,9 @@ def _equations(group: Group, device: Device) -> Iterator[str]:
         name = device.names[place]
         wall = membrane if isinstance(membrane, Membrane) else membrane.wall
         terms = f"{_factor(wall.modulus)}f(λ) − {_factor(device.radius[place] / device.thickness[place])}p λ²"
-        if not isinstance(membrane, Membrane):
+        if isinstance(membrane, ChargedMembrane):
+            terms += f" − {membrane.electric_load * wall.modulus:g} q² λ⁻⁵"
+        elif not isinstance(membrane, Membrane):
             e, h = device.permittivity[place], device.thickness[place]
             terms += f" − {2.0 * e / h**2:g} φ² λ³"
         wave = ""
@@ -163,7 +220,18 @@ def _equations(group: Group, device: Device) -> Iterator[str]:
             wave = f", φ = {membrane.mean:g} + {membrane.amplitude:g} sin 2π(θ + {membrane.phase:g})"
         yield f"force balance of {name}: {terms} = 0{wave}"
     if sealed:
-        yield f"gas: (p + {device.ambient:g}) Σ r³λ³/3 = n"
+        yield _contents(device.law)
+
+
+def _contents(law: Law) -> str:
+    chamber = f"{law.chamber:g} + " if law.chamber else ""
+    match law:
+        case Isothermal():
+            volume = f"({chamber}Σ r³λ³/3)" if chamber else "Σ r³λ³/3"
+            return f"gas: (p + {law.ambient:g}) {volume} = n"
+        case Adiabatic():
+            return f"gas: (p + {law.ambient:g}) ({chamber}Σ r³λ³/3)^{law.exponent:g} = constant"
+    return "liquid: Σ r³λ³/3 = constant"
 
 
 def _factor(value: float) -> str:

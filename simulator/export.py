@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from simulator.files import write_files
 from simulator.history import Outcome
+from simulator.units import VOLUME, in_si
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -52,9 +53,10 @@ def history_columns(history: History) -> Columns:
     dict of str to (n_samples,) array
         `time`, `step`, `branch`, `voltage_<name>` of each electroded balloon, `stretch_<name>` of
         each balloon, `pressure`, `volume`, `gas`, `field_<name>`, `charge_<name>`, `energy`,
-        `stability`, `margin_<name>` of each film with a strength. Dimensionless, see `History`.
+        `stability`, `margin_<name>` of each film with a strength. Dimensionless, see `History`; with
+        [scales] the same in SI units after them.
     """
-    return {
+    columns = {
         "time": history.time,
         "step": history.step,
         "branch": history.branch,
@@ -69,6 +71,7 @@ def history_columns(history: History) -> Columns:
         "stability": history.stability,
         **_by_name("margin", history.rated, history.margin),
     }
+    return _with_si(columns, history)
 
 
 def event_columns(history: History) -> Columns:
@@ -83,7 +86,8 @@ def event_columns(history: History) -> Columns:
     dict of str to (n_events,) array
         `time`, `step`, `kind`, `voltage_<name>`, `stretch_<name>_before`, `stretch_<name>_after`,
         `pressure_before`, `pressure_after`, `field_<name>_before`, `field_<name>_after`,
-        `dissipated`. The two sides of one balloon stand next to each other.
+        `dissipated`. The two sides of one balloon stand next to each other. With [scales] the same in
+        SI units after them.
     """
     events = history.events
     balloons, electroded = history.balloons, history.electroded
@@ -97,7 +101,7 @@ def event_columns(history: History) -> Columns:
             for side, values in (("before", before), ("after", after))
         }
 
-    return {
+    columns = {
         "time": np.array([event.time for event in events], dtype=float),
         "step": np.array([event.step for event in events], dtype=np.int64),
         "kind": np.array([event.kind.value for event in events], dtype=object),
@@ -108,6 +112,17 @@ def event_columns(history: History) -> Columns:
         **sides("field", electroded),
         "dissipated": _stacked(events, "dissipated", 1)[:, 0],
     }
+    return _with_si(columns, history)
+
+
+def _with_si(columns: Columns, history: History) -> Columns:
+    scales = history.scenario.scales
+    if scales is None:
+        return columns
+    radii = {b.name: b.radius for b in history.scenario.balloons}
+    # The amount of a liquid is a volume.
+    others = {"gas": VOLUME} if history.scenario.gas.law == "liquid" else {}
+    return columns | in_si(columns, scales, radii, others)
 
 
 def curve_columns(curves: Sequence[Curve]) -> Columns:
@@ -126,6 +141,7 @@ def curve_columns(curves: Sequence[Curve]) -> Columns:
         there are several curves, the number of the `curve`, from 1. Dimensionless, see `Curve`.
     """
     return _joined(
+        curves,
         [
             {
                 "arclength": curve.arclength,
@@ -139,7 +155,7 @@ def curve_columns(curves: Sequence[Curve]) -> Columns:
                 "stable": curve.unstable == 0,
             }
             for curve in curves
-        ]
+        ],
     )
 
 
@@ -158,6 +174,7 @@ def point_columns(curves: Sequence[Curve]) -> Columns:
         several curves, the number of the `curve`, from 1.
     """
     return _joined(
+        curves,
         [
             {
                 "kind": np.array([point.kind for point in curve.points], dtype=object),
@@ -169,7 +186,7 @@ def point_columns(curves: Sequence[Curve]) -> Columns:
                 "pressure": _stacked(curve.points, "pressure", 1)[:, 0],
             }
             for curve in curves
-        ]
+        ],
     )
 
 
@@ -237,6 +254,7 @@ def run_record(history: History, failure: str | None = None) -> dict[str, Any]:
         "energy_balance": {**asdict(balance), "relative_imbalance": balance.relative_imbalance},
         "statistics": asdict(history.statistics),
         "scenario": scenario.to_dict(),
+        **({"scales": scenario.scales.record()} if scenario.scales else {}),
         "versions": {
             "dielectric-balloons": _own_version(),
             "python": platform.python_version(),
@@ -313,12 +331,18 @@ def write_curves(curves: Sequence[Curve], directory: str | os.PathLike[str]) -> 
 
 def fold_columns(curve: FoldCurve) -> Columns:
     """The columns of `fold.csv`: the parameter's value, and the limit point there."""
-    return {
+    columns = {
         curve.parameter: curve.value,
         "voltage": curve.voltage,
         **_by_name("stretch", curve.balloons, curve.stretch),
         "pressure": curve.pressure,
     }
+    if curve.scales is None:
+        return columns
+    varied = {}
+    if curve.dimension is not None:
+        varied[f"{curve.parameter} [{curve.dimension.unit}]"] = curve.value * curve.scales.of(curve.dimension)
+    return columns | varied | in_si(columns, curve.scales, {})
 
 
 def fold_table(curve: FoldCurve) -> pd.DataFrame:
@@ -339,8 +363,14 @@ def write_fold(curve: FoldCurve, directory: str | os.PathLike[str]) -> list[Path
     return write_files(directory, {FOLD_FILE: partial(_write_csv, fold_columns(curve))})
 
 
-def _joined(parts: Sequence[Columns]) -> Columns:
+def _joined(curves: Sequence[Curve], parts: Sequence[Columns]) -> Columns:
     """Tables of equal columns under one another, numbered from 1 where there are several."""
+    parts = [
+        part | in_si(part, curve.scales, dict(zip(curve.balloons, curve.radius, strict=True)))
+        if curve.scales
+        else part
+        for curve, part in zip(curves, parts, strict=True)
+    ]
     if len(parts) == 1:
         return parts[0]
     sizes = [next(iter(part.values())).size for part in parts]

@@ -31,7 +31,8 @@ def write_files(
     directory : path
         Created if need be.
     writers : dict of file name to function
-        Each is called with a binary stream to write its file to.
+        Each is called with a binary stream to write its file to. Names may lead into
+        folders of the directory.
 
     Returns
     -------
@@ -49,6 +50,7 @@ def write_files(
         _refuse_directories(directory, tuple(writers))
         for name, write in writers.items():
             target = directory / name
+            _make_directory(target.parent, made)
             temporary[target] = _temporary_name(target)
             with open(temporary[target], "xb") as stream:
                 write(stream)

@@ -18,8 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator import equilibrium
+from simulator.arrival import (
+    NEAR,
+    broken_at_rest,
+    fold_beside,
+    holds,
+    landing_beside,
+    landing_from,
+    variation,
+)
 from simulator.elastomer import Number
-from simulator.equilibrium import NotConverged
 from simulator.events import Condition, stability
 from simulator.model import Equations, State
 from simulator.path import Effort
@@ -31,11 +39,12 @@ FloatArray = NDArray[np.float64]
 
 _LOOSE = 1e-4
 _TIGHT = 1e-11
-_NEAR = 0.05  # how far a Newton step may lead for Newton's method to take over
-_NEAREST = 1e-7
+_NEAREST = {_LOOSE: 1e-7, _TIGHT: 1e-10}  # the same, at last, by tolerance
+_GHOST = 1e-3  # how near a limit point that no longer holds it a creeping state is taken past it
 _LONGEST = 1e12  # a time never reached
 _MOST_LOOKS = 50_000  # of IDA at the margins, about one a step
 _NUDGES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  # stretch by which a snap is started off its limit point
+_FINE = (1e-4, 1e-5, 1e-6)  # the same where the way matters: what it is off the way goes with the square
 _FAR = 1e3  # stretch, over the largest at the start, at which a flow without a limit counts as runaway
 
 
@@ -61,6 +70,7 @@ def relax(
     effort: Effort,
     *,
     tight: bool = False,
+    fine_start: Callable[[], FloatArray | None] | None = None,
 ) -> Rest:
     """Let a state flow, at its own v, until it rests or one of the conditions ends it.
 
@@ -75,26 +85,40 @@ def relax(
         Counters, added to.
     tight : bool
         Integrate tightly from the start.
+    fine_start : callable, optional
+        Gives the state (n_unknowns,) it starts from when it is integrated tightly; `start` if not given.
 
     Raises
     ------
     FlowError
         If it does neither within many steps.
     """
-    if tight:
-        return _flow(equations, conditions, start, _TIGHT, effort)[0]
-    try:
-        rest, closest = _flow(equations, conditions, start, _LOOSE, effort)
-    except FlowError:
-        return _flow(equations, conditions, start, _TIGHT, effort)[0]
-    if rest.end is None:
-        values = rest.state.tolist()
-        # A margin that was smallest at the rest itself was not grazed on the way.
-        if all(
-            low > 0.02 or low > 0.5 * c.margin(values) for low, c in zip(closest, conditions, strict=True)
-        ):
-            return rest
-    return _flow(equations, conditions, start, _TIGHT, effort)[0]
+    if not tight:
+        # Loosely, unless that fails, or what is found depends on the way.
+        with contextlib.suppress(FlowError):
+            rest, closest = _flow(equations, conditions, start, _LOOSE, effort)
+            if rest.end is None and _certain(equations, conditions, start, rest.state, closest):
+                return rest
+    fine = fine_start() if fine_start is not None else None
+    return _flow(equations, conditions, start if fine is None else fine, _TIGHT, effort)[0]
+
+
+def _certain(
+    equations: Equations,
+    conditions: Sequence[Condition],
+    start: FloatArray,
+    rest: FloatArray,
+    closest: Sequence[float],
+) -> bool:
+    """Whether a loose flow to a rest kept well away from the margins, whose smallest values are given."""
+    first, last = start.tolist(), rest.tolist()
+    blur = _LOOSE * (1.0 + rest[: len(equations.walls)])
+    return all(
+        # A margin that was smallest at the start or at the rest was not grazed on the way.
+        (low > 0.02 or low > 0.5 * min(c.margin(first), c.margin(last)))
+        and low > 10.0 * variation(equations, c, rest, blur)
+        for low, c in zip(closest, conditions, strict=True)
+    )
 
 
 def snap(
@@ -122,20 +146,38 @@ def snap(
     FlowError
         If the flow does not lead away from the limit point.
     """
-    for distance in _NUDGES:
-        start = _nudged(equations, fold, distance * escape)
-        if _speed_along(equations, start, escape) > 0.0 and _holds(conditions, start):
-            break
-    else:
-        if not _holds(conditions, start):
-            values = start.tolist()
-            return Rest(start, min(conditions, key=lambda c: float(c.margin(values))).kind)
+    start = _off(equations, conditions, fold, escape, _NUDGES)
+    if start is None:
+        at_once = _nudged(equations, fold, _NUDGES[-1] * escape)
+        if not holds(conditions, at_once):
+            values = at_once.tolist()
+            return Rest(at_once, min(conditions, key=lambda c: float(c.margin(values))).kind)
         raise FlowError("no way down from the limit point")
+    distance = np.max(np.abs(start - fold) / equations.scales)
+
+    def fine() -> FloatArray | None:
+        return _off(equations, conditions, fold, escape, _FINE)
+
     for once_more in (False, True):
-        rest = relax(equations, conditions, start, effort, tight=once_more)
+        rest = relax(equations, conditions, start, effort, tight=once_more, fine_start=fine)
         if rest.end is not None or np.max(np.abs(rest.state - fold) / equations.scales) > distance:
             return rest
     raise FlowError("the snap fell back to where it came from")
+
+
+def _off(
+    equations: Equations,
+    conditions: Sequence[Condition],
+    fold: FloatArray,
+    escape: FloatArray,
+    distances: Sequence[float],
+) -> FloatArray | None:
+    """The state at the first of some distances off a limit point from which the flow leads away, if any."""
+    for distance in distances:
+        start = _nudged(equations, fold, distance * escape)
+        if _speed_along(equations, start, escape) > 0.0 and holds(conditions, start):
+            return start
+    return None
 
 
 def _nudged(equations: Equations, state: FloatArray, change: FloatArray) -> FloatArray:
@@ -144,11 +186,6 @@ def _nudged(equations: Equations, state: FloatArray, change: FloatArray) -> Floa
     out[: change.size] += change
     out[:-1], _ = _consistent(equations, out)
     return out
-
-
-def _holds(conditions: Sequence[Condition], state: FloatArray) -> bool:
-    values = state.tolist()
-    return all(condition.margin(values) > 0.0 for condition in conditions)
 
 
 def _speed_along(equations: Equations, state: FloatArray, escape: FloatArray) -> float:
@@ -171,8 +208,9 @@ def _flow(
     endless = [i for i, wall in enumerate(equations.walls) if math.isinf(wall.elastomer.stretch_limit)]
     far = _FAR * float(np.max(start[:count]))
     closest = [math.inf] * len(conditions)
-    state, near = start, _NEAR
-    while near > _NEAREST:
+    state, near = np.array(equations.admitted(start.tolist())), NEAR
+    passed = False
+    while True:
 
         def resting(y: State, near: float = near) -> float:
             """Falls through zero where a Newton step, at most |R| over the smallest eigenvalue, is short."""
@@ -186,7 +224,8 @@ def _flow(
         if endless:
             margins.append(lambda y: far - max(y[i] for i in endless))
         if resting(state.tolist()) > 0.0:
-            states, ended = _integrate(equations, margins, state, rtol, effort)
+            states, ended = integrate(equations, margins, state, rtol, effort)
+            _check_downhill(equations, states)
             closest = [
                 min(low, float(np.min(margin(states))))
                 for low, margin in zip(closest, margins[: len(conditions)], strict=True)
@@ -196,16 +235,47 @@ def _flow(
                 return Rest(_at_margin(equations, conditions[ended], state), conditions[ended].kind), closest
             if ended > len(conditions):
                 return Rest(state, "runaway"), closest
-        landing = _landing(equations, conditions, state)
-        if landing is None:
-            landing = _at_fold(equations, state)
+        nearest = near <= _NEAREST[rtol]
+        landing = landing_from(equations, conditions, state, state, surely=not nearest)
+        fold = fold_beside(equations, state) if landing is None else None
+        if landing is None and fold is not None:
+            landing = landing_beside(equations, conditions, state, fold, surely=not nearest)
         if landing is not None:
             return Rest(landing, None), closest
+        if fold is not None and not passed and np.max(np.abs(fold - state) / equations.scales) < _GHOST:
+            onward = _past(equations, conditions, fold, float(state[-1]))
+            if onward is not None:
+                state, near, passed = onward, NEAR, True
+                continue
+        if nearest:
+            break
         near *= 0.1
-    broken = _broken_at_rest(equations, conditions, state)
+    broken = broken_at_rest(equations, conditions, state)
     if broken is not None:
         return Rest(_at_margin(equations, broken, state), broken.kind), closest
     raise FlowError("the flow slows down where there is no rest")
+
+
+def _check_downhill(equations: Equations, states: FloatArray) -> None:
+    """A gradient flow only loses potential. What gains some is not the flow."""
+    energy = np.asarray(equations.potential(states))
+    size = sum(wall.weight for wall in equations.walls)
+    if np.any(np.diff(energy) > 1e-3 * np.ptp(energy) + 1e-12 * size):
+        raise FlowError("the potential rises along the flow")
+
+
+def _past(
+    equations: Equations, conditions: Sequence[Condition], fold: FloatArray, v: float
+) -> FloatArray | None:
+    """Where a state goes on that creeps past a limit point, at a v a little beyond the limit point's.
+
+    It takes a time like 1/√(distance in v) for that, at speeds down to the rounding of the forces, and ever
+    closer to the soft mode. So it is put beyond, on the soft mode.
+    """
+    ghost = fold.copy()
+    ghost[-1] = v
+    escape = equilibrium.escape_direction(equations, fold, 1.0 if v > fold[-1] else -1.0)
+    return _off(equations, conditions, ghost, escape, _FINE)
 
 
 def _at_margin(equations: Equations, condition: Condition, state: FloatArray) -> FloatArray:
@@ -213,13 +283,18 @@ def _at_margin(equations: Equations, condition: Condition, state: FloatArray) ->
     for _ in range(3):
         values, rates = _consistent(equations, state)
         state = np.append(values, state[-1])
+        margin = float(condition.margin(state.tolist()))
+        if margin == 0.0:
+            break
         speed = float(condition.slope(state)[:-1] @ rates)
-        ahead = -float(condition.margin(state.tolist())) / speed
+        if speed == 0.0:
+            break  # at rest already
+        ahead = -margin / speed
         state[: len(equations.walls)] += ahead * rates[: len(equations.walls)]
     return np.append(_consistent(equations, state)[0], state[-1])
 
 
-def _integrate(
+def integrate(
     equations: Equations,
     margins: Sequence[Callable[[State], Number]],
     start: FloatArray,
@@ -241,7 +316,7 @@ def _integrate(
     def full(stretches: list[float]) -> list[float]:
         # The gas law is solved for the pressure here: as an unknown of the DAE it is the stiffer the higher
         # the ambient pressure, and IDA would have to follow its every digit.
-        return [*stretches, equations.gas_pressure(stretches), v] if sealed else [*stretches, v]
+        return [*stretches, equations.gas_pressure(stretches, v), v] if sealed else [*stretches, v]
 
     def residual(t: float, y: FloatArray, yp: FloatArray, out: FloatArray) -> None:
         values, speeds = y.tolist(), yp.tolist()
@@ -256,11 +331,13 @@ def _integrate(
         t: float, y: FloatArray, yp: FloatArray, res: FloatArray, cj: float, out: FloatArray
     ) -> None:
         values, speeds = y.tolist(), yp.tolist()
-        _, rows = equations.linearised(full(values))
+        state = full(values)
+        forces, rows = equations.linearised(state)
+        slopes = equations.flow_law(state, forces, rows)[1] if sealed else []
         for i, (pole_form, slope, modulus) in enumerate(parts):
             rows[i][i] += (cj * pole_form(values[i])[1] + slope(values[i])[1] * speeds[i]) / modulus
         if sealed:
-            gas = [entry / rows[count][count] for entry in rows[count][:count]]
+            gas = [slope / slopes[count] for slope in slopes[:count]]
             for row in rows[:count]:
                 row[:count] = [entry - row[count] * g for entry, g in zip(row, gas, strict=False)]
         out[:] = [row[:count] for row in rows[:count]]
@@ -298,73 +375,17 @@ def _integrate(
 def _consistent(equations: Equations, start: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Consistent values and rates of the flow's unknowns (stretches, [pressure]) for given stretches."""
     count = len(equations.walls)
-    values = start.tolist()
+    values = equations.admitted(start.tolist())
     if equations.has_pressure:
-        # The gas row is linear in the pressure: one Newton step is exact.
-        residual, rows = equations.linearised(values)
-        values[count] -= residual[count] / rows[count][count]
+        # The law is linear in the pressure: one Newton step is exact.
+        defect, slopes = equations.flow_law(values, *equations.linearised(values))
+        values[count] -= defect / slopes[count]
     residual, rows = equations.linearised(values)
     rates = [
         -residual[i] * wall.modulus / wall.elastomer.pole_form(values[i])[1]
         for i, wall in enumerate(equations.walls)
     ]
     if equations.has_pressure:
-        rates.append(-sum(rows[count][i] * rates[i] for i in range(count)) / rows[count][count])
+        slopes = equations.flow_law(values, residual, rows)[1]
+        rates.append(-sum(slopes[i] * rates[i] for i in range(count)) / slopes[count])
     return np.array(values[:-1]), np.array(rates)
-
-
-def _at_fold(equations: Equations, state: FloatArray) -> FloatArray | None:
-    """The limit point that a state creeps up to where v is just its voltage, or a little short of it."""
-    try:
-        fold = equilibrium.at_event(equations, stability(equations), state)
-    except NotConverged:
-        return None
-    if np.max(np.abs(fold - state) / equations.scales) > 2.0 * _NEAR:
-        return None
-    v = float(state[-1])
-    if abs(fold[-1] - v) <= 16.0 * np.finfo(float).eps * max(abs(v), float(equations.scales[-1])):
-        fold[-1] = v
-        return fold
-    # Beside a fold the distance to it goes as the root of the distance in v: tried closer and closer.
-    stable = stability(equations).margin
-    for share in 10.0 ** np.arange(0.0, -8.0, -0.5):
-        guess = fold + share * (state - fold)
-        guess[-1] = v
-        try:
-            landing = equilibrium.one_at_drive(equations, guess)
-        except NotConverged:
-            continue
-        if (
-            np.max(np.abs(landing - state) / equations.scales) < 2.0 * _NEAR
-            and stable(landing.tolist()) > 0.0
-        ):
-            return landing
-    return None
-
-
-def _broken_at_rest(
-    equations: Equations, conditions: Sequence[Condition], state: FloatArray
-) -> Condition | None:
-    """The condition that a state creeping to its rest will break only there, at the last digit."""
-    try:
-        rest = equilibrium.one_at_drive(equations, state).tolist()
-    except NotConverged:
-        return None
-    return next((condition for condition in conditions if condition.margin(rest) <= 0.0), None)
-
-
-def _landing(equations: Equations, conditions: Sequence[Condition], state: FloatArray) -> FloatArray | None:
-    """The stable rest that a flowing state is about to reach, or None where that is not certain."""
-    try:
-        landing = equilibrium.one_at_drive(equations, state)
-    except NotConverged:
-        return None
-    # Near, and stable all the way there: nothing else can hold the flow up in between.
-    if np.max(np.abs(landing - state) / equations.scales) > 2.0 * _NEAR:
-        return None
-    if not _holds(conditions, landing):
-        return None  # something ends the flow before it gets there
-    stable = stability(equations).margin
-    if any(stable((state + share * (landing - state)).tolist()) <= 0.0 for share in (0.5, 1.0)):
-        return None
-    return landing

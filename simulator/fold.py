@@ -28,9 +28,10 @@ from simulator.curve import FoldCurve
 from simulator.device import Device
 from simulator.elastomer import Elastomer, Gent, Number
 from simulator.equilibrium import NotConverged
+from simulator.gas import Law
 from simulator.model import ElectrodedMembrane, Membrane, SealedBalloons
 from simulator.path import Effort
-from simulator.scenario import Inflate, Problem, ScenarioError
+from simulator.scenario import Inflate, Problem, ScenarioError, dimension_of, dimensionless
 from simulator.trace import sealed_state, trace, trace_inflation
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ _RTOL = 1e-5
 
 
 def fold(
-    scenario: Scenario, vary: str, to: float, *, point: int = 1, inflation: str | None = None
+    scenario: Scenario, vary: str, to: float | str, *, point: int = 1, inflation: str | None = None
 ) -> FoldCurve:
     """Follow a limit point of a scenario's equilibrium path while one of its numbers changes.
 
@@ -55,8 +56,8 @@ def fold(
         Key of the number, as in error messages: `gas.ambient_pressure`, `step.1.inflate` (the pressure at
         which the gas is sealed), `balloon.<name>.radius` (thickness, modulus, permittivity),
         `balloon.<name>.elastomer.J_lim`; `balloon.*.…` changes all balloons together.
-    to : float
-        Value at which to stop.
+    to : float or str
+        Value at which to stop; with [scales] also a text with a unit.
     point : int
         Which limit point of the path, from 1.
     inflation : str, optional
@@ -70,6 +71,8 @@ def fold(
         If the curve cannot be followed.
     """
     parameters = _Parameters.of(scenario, vary)
+    dimension = dimension_of(scenario, vary)
+    to = dimensionless(scenario, "to", to, dimension)
     device = Device.from_scenario(scenario)
     if inflation is not None:
         curve = trace_inflation(scenario, inflation)
@@ -107,6 +110,8 @@ def fold(
         pressure=states[-2] if inflation is not None else states[-3],
         end=end,
         ida_steps=effort.ida_steps,
+        dimension=dimension,
+        scales=scenario.scales,
     )
 
 
@@ -119,7 +124,7 @@ class _Parameters:
     modulus: list[Number]
     permittivity: list[Number]
     elastomers: list[Elastomer]
-    ambient: Number
+    law: Law
     inflation: Number
     value: float
     replace: Callable[[_Parameters, Number], _Parameters]
@@ -137,14 +142,16 @@ class _Parameters:
             [b.modulus for b in balloons],
             [b.permittivity for b in balloons],
             list(device.elastomers),
-            device.ambient,
+            device.law,
             sealed_at.inflate if isinstance(sealed_at, Inflate) else 0.0,
             0.0,
             lambda same, q: same,
         )
         names = [b.name for b in balloons]
         if vary == "gas.ambient_pressure":
-            return replace(known, value=device.ambient, replace=lambda p, q: replace(p, ambient=q))
+            return replace(known, value=device.ambient, replace=partial(_changed_law, "ambient"))
+        if vary == "gas.chamber" and device.law.chamber:
+            return replace(known, value=float(device.law.chamber), replace=partial(_changed_law, "chamber"))
         if count and vary == f"step.{count}.inflate":
             return replace(known, value=float(known.inflation), replace=lambda p, q: replace(p, inflation=q))
         found = re.fullmatch(
@@ -152,8 +159,9 @@ class _Parameters:
         )
         chosen = [i for i, name in enumerate(names) if found and found[1] in (name, "*")]
         if found is None or not chosen:
+            chamber = ["gas.chamber"] if device.law.chamber else []
             raise ScenarioError(
-                scenario.file, Problem(vary, None, f"cannot be varied; {_allowed(names, count)}")
+                scenario.file, Problem(vary, None, f"cannot be varied; {_allowed(names, count, chamber)}")
             )
         if found[2] == "elastomer.J_lim":
             limits = {getattr(known.elastomers[i], "J_lim", None) for i in chosen}
@@ -192,12 +200,17 @@ class _Parameters:
         )
 
 
-def _allowed(names: Sequence[str], inflations: int) -> str:
+def _changed_law(key: str, parameters: _Parameters, q: Number) -> _Parameters:
+    changed: dict[str, Any] = {key: q}
+    return replace(parameters, law=replace(parameters.law, **changed))  # type: ignore[type-var]
+
+
+def _allowed(names: Sequence[str], inflations: int, chamber: Sequence[str]) -> str:
     step = [f"step.{inflations}.inflate"] if inflations else []
     balloon = (
         f"balloon.<{' or '.join([*names, '*'])}>.radius, thickness, modulus, permittivity, elastomer.J_lim"
     )
-    return "can be: " + ", ".join(["gas.ambient_pressure", *step, balloon])
+    return "can be: " + ", ".join(["gas.ambient_pressure", *chamber, *step, balloon])
 
 
 @dataclass(frozen=True)
@@ -241,12 +254,11 @@ class _Sealed:
         volume: Number = 0.0
         for wall, x in zip(walls, inflated, strict=True):
             volume = volume + wall.cube * x * x * x / 3.0
-        gas = (numbers.inflation + numbers.ambient) * volume
         membranes = tuple(self._membrane(numbers, walls, i) for i in range(self.count))
-        sealed = SealedBalloons(membranes, gas, numbers.ambient)
+        sealed = SealedBalloons(membranes, numbers.law.sealed(numbers.inflation, volume))
         y = [*stretches, z[-3], z[-2]]
         out = [wall.force(x, numbers.inflation, 0.0) for wall, x in zip(walls, inflated, strict=True)]
-        return [*out, *sealed.residual(y), _determinant(*sealed.stiffness(y))]
+        return [*out, *sealed.residual(y), sealed.spectrum.determinant(*sealed.stiffness(y))]
 
     def _membrane(
         self, numbers: _Parameters, walls: Sequence[Membrane], i: int
@@ -266,19 +278,6 @@ class _Sealed:
             for wall, x in zip(numbers.walls(), z[: self.count], strict=True)
         ]
         return [z[-3], z[-2], min(inflated)]
-
-
-def _determinant(diagonal: Sequence[Number], squares: Sequence[Number]) -> Number:
-    """det(diag(d) + √s √sᵀ) = Π d + Σ sᵢ Π_{j≠i} dⱼ."""
-    out: Number = 1.0
-    for d in diagonal:
-        out = out * d
-    for i, s in enumerate(squares):
-        rest = s
-        for j, d in enumerate(diagonal):
-            rest = rest * d if j != i else rest
-        out = out + rest
-    return out
 
 
 _Problem = _Inflated | _Sealed

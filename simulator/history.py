@@ -61,8 +61,8 @@ class Event:
     time, step, kind
         When, in which step (from 1, cycles unrolled), and what.
     voltage : (n_electroded,) array
-        Voltages after the event. Only a `jump` changes them: a voltage that jumps, or a valve opened on a
-        state that the shared gas alone held, which leaves the voltages as they are.
+        Voltages after the event. Only a `jump` changes them, and any event where charges are given. A valve
+        opened on a state that the shared gas alone held is a `jump` that leaves them as they are.
     stretch_before, stretch_after : (n_balloons,) arrays
     pressure_before, pressure_after : float
     field_before, field_after : (n_electroded,) arrays
@@ -167,8 +167,9 @@ class History:
     voltage, field, charge : (n_samples, n_electroded) arrays
     stretch : (n_samples, n_balloons) array
     pressure, volume, gas, energy, stability : (n_samples,) arrays
-        `gas` is the amount (p + pₑ)V, `energy` the potential Π (with −pV for its gas terms while
-        the valve is open), `stability` the smallest eigenvalue of its Hessian.
+        `gas` is the amount (p + pₑ)V, of a liquid its volume; `energy` the potential Π (with −pV for its gas
+        terms while the valve is open, with +½φq where charges are given), `stability` the smallest
+        eigenvalue of its Hessian (NaN for one balloon on a liquid, which cannot move).
     events : tuple of Event
     outcome : Outcome
     energy_balance : EnergyBalance

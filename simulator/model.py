@@ -1,13 +1,15 @@
 """The equations: membranes, and the two sets that they are composed into.
 
 The unknowns of a set of equations are y = (stretches…, [pressure], v): the stretches of the balloons that
-feel each other, the gas pressure where it is unknown, and last the coordinate v of the drive (a voltage or,
-while inflating, the pressure). There are one fewer equations than unknowns, so they define a curve, the
-equilibrium path.
+feel each other, the gas pressure where it is unknown, and last the coordinate v of the drive (a voltage,
+a charge or, while inflating, the pressure). There are one fewer equations than unknowns, so they define a
+curve, the equilibrium path.
 
-Two sets of equations exist. `SealedBalloons`: valve closed, all balloons on one fixed amount of gas.
-`OpenBalloon`: valve open, the pressure is given, balloons do not feel each other and each has its own.
-Both are composed of membranes; a membrane without a voltage has no electrical term at all.
+Two sets of equations exist. `SealedBalloons`: valve closed, all balloons on one fixed amount of gas, or
+liquid, see `gas`. `OpenBalloon`: valve open, the pressure is given, balloons do not feel each other and each
+has its own.
+Both are composed of membranes; a membrane without a voltage has no electrical term at all, one on which the
+charge is given another (`charged`).
 
 Every force balance is divided by kᵢ and multiplied through by the denominator D of the elastomer's force,
 
@@ -27,8 +29,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.charged import ChargedMembrane
 from simulator.drive import sine_of_turns
 from simulator.elastomer import Elastomer, Number
+from simulator.gas import Contents
+from simulator.spectrum import COUPLED, Spectrum
 
 FloatArray = NDArray[np.float64]
 Rows = list[list[Number]]
@@ -223,7 +228,7 @@ class OscillatingMembrane:
         return self._tangent(v).supplied(stretch, 0.0)
 
 
-AnyMembrane = Membrane | ElectrodedMembrane | OscillatingMembrane
+AnyMembrane = Membrane | ElectrodedMembrane | ChargedMembrane | OscillatingMembrane
 
 
 def _wall(membrane: AnyMembrane) -> Membrane:
@@ -248,6 +253,11 @@ class Equations(Protocol):
         """Whether the pressure is an unknown, y[-2], bound by the gas law."""
         ...
 
+    @property
+    def spectrum(self) -> Spectrum:
+        """What d and s of `stiffness` are to each other: how the balloons are coupled."""
+        ...
+
     def residual(self, y: State) -> list[Number]:
         """The equations' residuals, (n_unknowns − 1)."""
         ...
@@ -260,7 +270,8 @@ class Equations(Protocol):
         """Diagonal d and squares s of S = diag(d) + √s √sᵀ.
 
         S = T H T with H the Hessian of Π in the stretches (pressure eliminated by the gas law) and
-        T = diag √(D/(r²hk)): congruent, so of the same inertia, and without a pole.
+        T = diag √(D/(r²hk)): congruent, so of the same inertia, and without a pole. For a liquid √s is
+        the direction that is forbidden, see `spectrum`.
         """
         ...
 
@@ -268,8 +279,20 @@ class Equations(Protocol):
         """Excess pressure."""
         ...
 
-    def gas_pressure(self, stretches: Sequence[Number]) -> Number:
-        """The pressure that the gas law gives for stretches, where the pressure is an unknown."""
+    def gas_pressure(self, stretches: Sequence[Number], v: Number) -> Number:
+        """The pressure of stretches in motion, where the pressure is an unknown."""
+        ...
+
+    def flow_law(self, y: Sequence[float], residual: list[Number], rows: Rows) -> tuple[Number, list[Number]]:
+        """What is zero at the `gas_pressure`, linear in p, and its derivatives in (stretches…, p)."""
+        ...
+
+    def admitted(self, y: list[float]) -> list[float]:
+        """A state from which a flow can start, close to `y`: of a volume that is possible."""
+        ...
+
+    def given_load(self, y: State) -> Number:
+        """Size of the terms of the residual that no unknown varies: their rounding is in it too."""
         ...
 
     def potential(self, y: State) -> Number:
@@ -277,11 +300,11 @@ class Equations(Protocol):
         ...
 
     def drive_power(self, y: State) -> Number:
-        """−∂Π/∂v: Σ q dφ/dv, or V dp/dv."""
+        """−∂Π/∂v: Σ q dφ/dv, or −Σ φ dq/dv, or V dp/dv."""
         ...
 
     def electric_supply(self, y: State) -> Number:
-        """Σ φq."""
+        """Σ φq where voltages are given."""
         ...
 
     def gas_supply(self, y: State) -> Number:
@@ -291,16 +314,19 @@ class Equations(Protocol):
 
 @dataclass(frozen=True)
 class SealedBalloons:
-    """Valve closed: force balances of all balloons, and the ideal gas law (p + pₑ)V = n.
+    """Valve closed: force balances of all balloons, and the law of the gas (or liquid) that they share.
 
     Unknowns (λ₁ … λₙ, p, v).
     """
 
     membranes: tuple[AnyMembrane, ...]
-    amount: float
-    ambient: float
+    gas: Contents
 
     has_pressure = True
+
+    @cached_property
+    def spectrum(self) -> Spectrum:
+        return self.gas.spectrum
 
     @cached_property
     def walls(self) -> tuple[Membrane, ...]:
@@ -308,16 +334,19 @@ class SealedBalloons:
 
     # What IDA asks for at every step, looked up once.
     @cached_property
-    def _forces(self) -> tuple[list[Callable[..., Number]], list[float]]:
-        return [m.force for m in self.membranes], [w.cube for w in self.walls]
+    def _forces(self) -> tuple[list[tuple[Callable[..., Number], float]], Callable[..., Number]]:
+        walls = [(m.force, w.cube) for m, w in zip(self.membranes, self.walls, strict=True)]
+        return walls, self.gas.defect
 
     @cached_property
-    def _stiffnesses(self) -> tuple[list[Callable[..., Any]], list[float], list[float]]:
-        return (
-            [m.stiffness for m in self.membranes],
-            [w.cube for w in self.walls],
-            [w.weight for w in self.walls],
-        )
+    def _linears(self) -> tuple[list[tuple[Callable[..., Any], float]], Callable[..., Any]]:
+        walls = [(m.linearised, w.cube) for m, w in zip(self.membranes, self.walls, strict=True)]
+        return walls, self.gas.linearised
+
+    @cached_property
+    def _stiffnesses(self) -> tuple[list[tuple[Callable[..., Any], float, float]], Callable[..., Number]]:
+        walls = [(m.stiffness, w.cube, w.weight) for m, w in zip(self.membranes, self.walls, strict=True)]
+        return walls, self.gas.stiffness
 
     @cached_property
     def longest_step(self) -> float:
@@ -331,11 +360,12 @@ class SealedBalloons:
     def residual(self, y: State) -> list[Number]:
         *stretches, pressure, v = y
         out: list[Number] = []
-        volume: Number = 0.0
-        for force, cube, x in zip(*self._forces, stretches, strict=True):
+        cubes: Number = 0.0
+        walls, defect = self._forces
+        for (force, cube), x in zip(walls, stretches, strict=True):
             out.append(force(x, pressure, v))
-            volume = volume + cube * x * x * x
-        out.append((pressure + self.ambient) * volume / (3.0 * self.amount) - 1.0)
+            cubes = cubes + cube * x * x * x
+        out.append(defect(pressure, cubes))
         return out
 
     def linearised(self, y: State) -> tuple[list[Number], Rows]:
@@ -343,19 +373,21 @@ class SealedBalloons:
         count = len(stretches)
         residual: list[Number] = []
         rows: Rows = []
-        gas: list[Number] = [0.0] * (count + 2)
-        volume: Number = 0.0
-        density = (pressure + self.ambient) / self.amount
-        for i, (membrane, wall, x) in enumerate(zip(self.membranes, self.walls, stretches, strict=True)):
+        areas: list[Number] = []
+        cubes: Number = 0.0
+        walls, law = self._linears
+        for (linearised, cube), x in zip(walls, stretches, strict=True):
             row: list[Number] = [0.0] * (count + 2)
-            force, row[i], row[-2], row[-1] = membrane.linearised(x, pressure, v)
+            force, row[len(rows)], row[-2], row[-1] = linearised(x, pressure, v)
             residual.append(force)
             rows.append(row)
-            area = wall.cube * x * x
-            gas[i] = density * area
-            volume = volume + area * x
-        gas[-2] = volume / (3.0 * self.amount)
-        residual.append(gas[-2] * (pressure + self.ambient) - 1.0)
+            area = cube * x * x
+            areas.append(area)
+            cubes = cubes + area * x
+        defect, per_pressure, per_volume = law(pressure, cubes)
+        residual.append(defect)
+        gas = [per_volume * area for area in areas]
+        gas += (per_pressure, 0.0)
         rows.append(gas)
         return residual, rows
 
@@ -363,25 +395,31 @@ class SealedBalloons:
         *stretches, pressure, v = y
         diagonal: list[Number] = []
         areas: list[Number] = []
-        volume: Number = 0.0
-        for stiffness, cube, weight, x in zip(*self._stiffnesses, stretches, strict=True):
+        cubes: Number = 0.0
+        walls, coupling = self._stiffnesses
+        for (stiffness, cube, weight), x in zip(walls, stretches, strict=True):
             slope, denominator = stiffness(x, pressure, v)
             diagonal.append(slope)
             area = cube * x * x
             areas.append(area * area * denominator / weight)
-            volume = volume + area * x
-        gas = 9.0 * self.amount / (volume * volume)
+            cubes = cubes + area * x
+        gas = coupling(cubes)
         return diagonal, [gas * area for area in areas]
 
     def pressure(self, y: State) -> Number:
         return y[-2]
 
-    def gas_pressure(self, stretches: Sequence[Number]) -> Number:
-        """The pressure that the gas law gives for stretches."""
-        volume: Number = 0.0
-        for wall, x in zip(self.walls, stretches, strict=True):
-            volume = volume + wall.cube * x * x * x
-        return 3.0 * self.amount / volume - self.ambient
+    def gas_pressure(self, stretches: Sequence[Number], v: Number) -> Number:
+        return self.gas.flow_pressure(self.membranes, self.walls, stretches, v)
+
+    def flow_law(self, y: Sequence[float], residual: list[Number], rows: Rows) -> tuple[Number, list[Number]]:
+        return self.gas.flow_law(self.walls, y, residual, rows)
+
+    def admitted(self, y: list[float]) -> list[float]:
+        return self.gas.admitted(self.membranes, self.walls, y)
+
+    def given_load(self, y: State) -> Number:
+        return 0.0  # the load is the pressure's, an unknown
 
     def potential(self, y: State) -> Number:
         *stretches, _, v = y
@@ -390,10 +428,7 @@ class SealedBalloons:
         for membrane, wall, x in zip(self.membranes, self.walls, stretches, strict=True):
             walls = walls + membrane.potential(x, v)
             volume = volume + wall.cube * x * x * x / 3.0
-        # −n ln V + pₑV, from the volume V₀ = n/(1 + pₑ): with u = V/V₀ − 1 the large parts cancel on paper.
-        start = self.amount / (1.0 + self.ambient)
-        u = (volume - start) / start
-        return walls - start * (np.log1p(u) + self.ambient * (np.log1p(u) - u))
+        return walls + self.gas.energy(volume)
 
     def drive_power(self, y: State) -> Number:
         *stretches, _, v = y
@@ -422,6 +457,7 @@ class OpenBalloon:
     pressure_rate: float
 
     has_pressure = False
+    spectrum = COUPLED
 
     @cached_property
     def walls(self) -> tuple[Membrane, ...]:
@@ -454,9 +490,19 @@ class OpenBalloon:
     def pressure(self, y: State) -> Number:
         return self.pressure_offset + self.pressure_rate * y[1]
 
-    def gas_pressure(self, stretches: Sequence[Number]) -> Number:
+    def gas_pressure(self, stretches: Sequence[Number], v: Number) -> Number:
         """No gas law here, the pressure is given."""
         raise NotImplementedError
+
+    def given_load(self, y: State) -> Number:
+        return abs(self.membrane.linearised(y[0], 0.0, y[1])[2] * self.pressure_offset)
+
+    def flow_law(self, y: Sequence[float], residual: list[Number], rows: Rows) -> tuple[Number, list[Number]]:
+        """No gas law here, the pressure is given."""
+        raise NotImplementedError
+
+    def admitted(self, y: list[float]) -> list[float]:
+        return y
 
     def potential(self, y: State) -> Number:
         x, v = y
@@ -475,14 +521,15 @@ class OpenBalloon:
 
 
 def _voltage_scale(membranes: Sequence[AnyMembrane]) -> float:
-    """The smallest coordinate v that matters to a membrane: √(2/b), one over its rate; at most a period."""
+    """The smallest v that matters to a membrane: √(2/b), one over its rate; of a wave at most a period."""
     return min(
         (
             min(float(np.sqrt(2.0 / m.electric_load)) / (2.0 * np.pi * abs(m.amplitude)), 1.0)
             if isinstance(m, OscillatingMembrane)
             else float(np.sqrt(2.0 / m.electric_load)) / abs(m.rate)
             for m in membranes
-            if isinstance(m, OscillatingMembrane) or (isinstance(m, ElectrodedMembrane) and m.rate)
+            if isinstance(m, OscillatingMembrane)
+            or (isinstance(m, ElectrodedMembrane | ChargedMembrane) and m.rate)
         ),
         default=1.0,
     )

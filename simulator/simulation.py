@@ -16,22 +16,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator import assembly, path
-from simulator.assembly import AnyEquations, Group
+from simulator import assembly
+from simulator.assembly import AnyEquations, Electrodes, Group
 from simulator.branch import Branch
 from simulator.course import SAME_INSTANT, Course, courses, state_of
 from simulator.device import Device
-from simulator.drive import Leg, VoltageLine, Waveform, Way
-from simulator.events import softest_mode
+from simulator.drive import Leg, Quantity, VoltageLine, Waveform, Way
+from simulator.equilibrium import softest_change
 from simulator.history import EnergyBalance, Event, EventKind, History, Outcome, SolverStatistics
 from simulator.history import Stop as StepEnd
 from simulator.model import OpenBalloon
-from simulator.scenario import Hold, Inflate, duration, until_of
-from simulator.until import Watch
-from simulator.walk import Atlas, Happening, Turn, Walk, by_time, loses_tension
+from simulator.piece import ULPS
+from simulator.scenario import Charge, Hold, Inflate, Ramp, duration, until_of
+from simulator.walk import Atlas, Happening, Turn, Walk, by_time, is_slack, loses_tension
 
 if TYPE_CHECKING:
-    from simulator.scenario import PlayedStep, Scenario
+    from simulator.scenario import PlayedStep, Scenario, Until
+    from simulator.until import Watch
 
 FloatArray = NDArray[np.float64]
 
@@ -87,6 +88,12 @@ def simulate(scenario: Scenario, *, progress: Callable[[float], None] | None = N
     return run.history()
 
 
+def _watch(ends: Until, device: Device) -> Watch:
+    from simulator.until import Watch  # a run without `until` does without
+
+    return Watch.over(ends, device)
+
+
 def _leading(fractions: FloatArray, waveform: Waveform, branches: Sequence[Branch | None]) -> int:
     """How many of the fractions, from the first on, lie where all branches are known."""
     v = waveform.at(fractions)
@@ -110,6 +117,7 @@ class _Rows:
     voltage: list[FloatArray] = field(default_factory=list)
     gas: list[FloatArray] = field(default_factory=list)
     is_open: list[NDArray[np.bool_]] = field(default_factory=list)
+    charged: list[NDArray[np.bool_]] = field(default_factory=list)
 
 
 class _Run:
@@ -132,8 +140,10 @@ class _Run:
         self.stretch: FloatArray = np.ones(len(scenario.balloons))
         self.pressure = 0.0
         self.voltage: FloatArray = np.zeros(len(self.device.electroded))
+        self.charge: FloatArray = self.voltage  # as given, where the charges are
+        self.given: Quantity = "voltage"
         self.is_open = False
-        self.amount = self._gas_now()
+        self._seal()
 
     def play(self, number: int, step: PlayedStep) -> None:
         """Play one step: first what changes at once, then what moves."""
@@ -141,18 +151,23 @@ class _Run:
         start, lasts = self.clock, duration(step)
         opens = isinstance(step, Inflate) or step.valve == "open"
         ends = until_of(step)
-        watch = Watch.over(ends, self.device) if ends else None
+        watch = _watch(ends, self.device) if ends else None
         before = self._distances(watch)
         if not self.rows.time:
             self.is_open = opens
             self._note_now()
-        elif opens and not self.is_open:
-            self._open_valve()
+        connects = self._connect(assembly.given_by(step) or self.given)
+        if opens and not self.is_open:
+            self.is_open = True
+            self._release(assembly.held_open(self.device, self._electrodes().line, pressure=self.pressure))
         self.is_open = opens
         if self.outcome is Outcome.COMPLETED:
-            legs = assembly.motion(step, self.scenario.electroded, self.voltage.tolist(), self.pressure)
-            if not isinstance(step, Inflate | Hold):
-                self._jump_to(legs[0].way, float(legs[0].waveform.values[0]))
+            legs = assembly.motion(step, self.scenario.electroded, self._electrodes(), self.pressure)
+            # Ramps begin where they are.
+            jumps = not isinstance(step, Inflate | Hold | Ramp | Charge)
+            jumped = jumps and self._jump_to(legs[0].way, float(legs[0].waveform.values[0]))
+            if connects and not jumped:
+                self._release_at_voltages()
             reached = self._passed(watch, before)
             if self.outcome is Outcome.COMPLETED and lasts > 0.0 and reached is None:
                 groups_of = partial(self._groups, step)
@@ -161,15 +176,13 @@ class _Run:
             if watch:
                 self.stops.append(StepEnd(number, self.clock, reached))
         if opens:
-            self.amount = self._gas_now()
+            self._seal()
 
     def _actuated(self, way: Way) -> list[Group]:
         """What moves with the voltages along a way, as the valve stands."""
         if self.is_open:
             return assembly.actuated_open(self.device, way, pressure=self.pressure)
-        # Sealed at no pressure in a vacuum there is no gas; tension is lost before its law is ever used.
-        amount = self.amount if self.amount > 0.0 else float(np.finfo(float).tiny)
-        return assembly.actuated(self.device, way, amount=amount)
+        return assembly.actuated(self.device, way, gas=self.gas)
 
     def _state(self, group: Group, v: float) -> FloatArray:
         """The present state as a group's unknowns, at drive coordinate v."""
@@ -187,42 +200,70 @@ class _Run:
         distances = zip(watch.quantities, before, self._distances(watch), strict=True)
         return next((quantity.label for quantity, a, b in distances if a * b < 0.0), None)
 
+    def _electrodes(self) -> Electrodes:
+        """The electrodes as they are now."""
+        charge = self.charge if self.given == "charge" else self._charge_now()
+        return Electrodes(self.voltage.tolist(), charge.tolist(), self.given)
+
+    def _charge_now(self) -> FloatArray:
+        return np.asarray(self.device.charge(self.stretch[None], self.voltage[None])[0])
+
     # -- what changes at once ------------------------------------------------------------------------
 
-    def _open_valve(self) -> None:
-        """Balloons that only their shared gas held in place leave it."""
-        self.is_open = True
-        line = VoltageLine(tuple(self.voltage.tolist()), (0.0,) * self.voltage.size)
+    def _connect(self, given: Quantity) -> bool:
+        """Put the electrodes on sources of voltage or of charge, which take over what is there.
+
+        Returns whether charges were given before, and now voltages are.
+        """
+        before, self.given = self.given, given
+        if given == "charge" and before == "voltage":
+            self.charge = self._charge_now()
+        return given == "voltage" and before == "charge"
+
+    def _release_at_voltages(self) -> None:
+        """A state that only the given charges held leaves at the voltages it has."""
+        line = self._electrodes().line
+        self._release(
+            assembly.held_open(self.device, line, pressure=self.pressure)
+            if self.is_open
+            else [assembly.held(self.device, line, gas=self.gas)]
+        )
+
+    def _release(self, free: Sequence[Group]) -> None:
+        """Balloons that were held by what is no longer there (shared gas, given charges) leave."""
+        line = self._electrodes().line
         turns: dict[int, Turn] = {}
         groups: list[Group] = []
-        for group in assembly.held_open(self.device, self.voltage.tolist(), pressure=self.pressure):
+        for group in free:
             state = self._state(group, 0.0)
             if group.conditions[0].margin(state.tolist()) >= 0.0:
                 continue
-            nudge = np.append(1e-3 * softest_mode(group.equations, state), 0.0)
+            equations = group.equations
+            nudge = np.zeros(state.size)
+            nudge[: len(group.members)] = 1e-3 * softest_change(equations, state)
             # It may leave either way; it takes the steeper.
-            start = min(
-                state + nudge, state - nudge, key=lambda y: float(group.equations.potential(y.tolist()))
-            )
+            starts = [equations.admitted((state + sign * nudge).tolist()) for sign in (1.0, -1.0)]
+            start = np.array(min(starts, key=lambda y: float(equations.potential(y))))
             turns[len(groups)] = self.atlas.settle(group, "jump", start, state, tight=True)
             groups.append(group)
         if groups:
             self._turn(groups, line, turns, [self._state(g, 0.0) for g in groups])
 
-    def _jump_to(self, way: Way, v: float) -> None:
-        """Voltages change at once to those at v, and the old state relaxes under them."""
+    def _jump_to(self, way: Way, v: float) -> bool:
+        """Voltages change at once to those at v, and the old state relaxes under them; whether they do."""
         target = way.at(v)
-        if np.array_equal(target, self.voltage):
-            return
         largest = max(float(np.abs(target).max()), float(np.abs(self.voltage).max()))
-        if np.abs(target - self.voltage).max() <= path.ULPS * largest:
-            return  # the end of a ramp by name is good to rounding
+        if np.abs(target - self.voltage).max() <= ULPS * largest:
+            return False  # where several voltages move along one way, their last digits are not exact
         across = VoltageLine.through(self.voltage.tolist(), target.tolist())
         old, new = across.coordinate(self.voltage.tolist()), across.coordinate(target.tolist())
         groups = self._actuated(across)
-        if any(loses_tension(g.equations, self._state(g, old), new) for g in groups):
+        if any(
+            loses_tension(g.equations, self._state(g, old), new) or is_slack(g.equations, self._state(g, new))
+            for g in groups
+        ):
             self._note_event("loss_of_tension", self.stretch, self.pressure, None, None, None)
-            return
+            return True
         turns = {}
         for place, group in enumerate(groups):
             start = self._state(group, new)
@@ -234,13 +275,14 @@ class _Run:
         self.stored += work
         self.voltage = target
         self._turn(groups, across, turns, [self._state(g, new) for g in groups])
+        return True
 
     # -- what moves ----------------------------------------------------------------------------------
 
     def _groups(self, step: PlayedStep, leg: Leg) -> list[Group]:
         """The sets of equations that move in a leg of a step."""
         if isinstance(step, Inflate):
-            return assembly.inflating(self.device, self.voltage.tolist())
+            return assembly.inflating(self.device, leg.way)
         return self._actuated(leg.way)
 
     def _travel(self, found: Iterable[Course], start: float, lasts: float, watch: Watch | None) -> str | None:
@@ -293,6 +335,10 @@ class _Run:
                     self._book_stay(walks[place], at[place], since[place], v)
                 return
         rest = fractions[fractions > passed + SAME_INSTANT]
+        goes_on = stop is None and values[-1] != v
+        if not rest.size and goes_on:
+            # However near an event was: what follows begins where this ends.
+            rest = fractions[fractions > 1.0 - SAME_INSTANT][-1:]
         failure = next((walk.failure for walk in walks if walk.failure is not None), None)
         if failure is not None:
             rest = rest[: _leading(rest, waveform, at)]
@@ -306,8 +352,10 @@ class _Run:
             self._book_stay(walk, branch, v0, v)
         far = stop.fraction if stop else 1.0
         self.clock = start + lasts * far
+        if self.given == "charge":
+            self.charge = line.at(v)
         noted = max(passed, float(rest[-1]) if rest.size else 0.0)
-        if end is not None or noted < far - SAME_INSTANT:
+        if end is not None or noted < far - SAME_INSTANT or (goes_on and not rest.size):
             states = [branch.state_at(v) for branch in at if branch is not None]
             if end is not None:
                 states[end[0]] = end[1]
@@ -351,7 +399,7 @@ class _Run:
         for group, y in zip(groups, states, strict=True):
             stretch[:, list(group.members)] = y[: len(group.members)].T
             pressure[:] = group.equations.pressure(y)
-        return stretch, pressure, line.at(v)
+        return stretch, pressure, self.device.voltage(line, v, stretch)
 
     def _turn(
         self, groups: Sequence[Group], line: Way, turns: dict[int, Turn], states: list[FloatArray]
@@ -374,9 +422,9 @@ class _Run:
                 assert happening.after is not None
                 states[place] = happening.after
                 self._book_jump(groups[place], happening)
-            stretch_after, pressure_after, _ = self._instant(groups, line, states)
+            stretch_after, pressure_after, voltage_after = self._instant(groups, line, states)
             lost = sum(h.dissipated or 0.0 for h in now.values())
-            self._note_event(kind, stretch, float(pressure), stretch_after, float(pressure_after), lost)
+            self._note_event(kind, stretch, pressure, stretch_after, pressure_after, lost, voltage_after)
 
     def _instant(
         self, groups: Sequence[Group], line: Way, states: Sequence[FloatArray]
@@ -386,8 +434,11 @@ class _Run:
 
     # -- record --------------------------------------------------------------------------------------
 
-    def _gas_now(self) -> float:
-        return float((self.pressure + self.device.ambient) * self.device.volume(self.stretch[None])[0])
+    def _seal(self) -> None:
+        """Close the valve in the present state."""
+        device, stretch = self.device, self.stretch[None]
+        self.gas = device.law.sealed(self.pressure, float(device.swelling(stretch)[0]))
+        self.amount = float(device.law.amount(self.pressure, float(device.volume(stretch)[0])))
 
     def _note(
         self, times: FloatArray, stretch: FloatArray, pressure: FloatArray, voltage: FloatArray
@@ -400,9 +451,10 @@ class _Run:
         rows.stretch.append(stretch)
         rows.pressure.append(pressure)
         rows.voltage.append(voltage)
-        gas = (pressure + self.device.ambient) * self.device.volume(stretch)
+        gas = self.device.law.amount(pressure, self.device.volume(stretch))
         rows.gas.append(gas if self.is_open else np.full(count, self.amount))
         rows.is_open.append(np.full(count, self.is_open))
+        rows.charged.append(np.full(count, self.given == "charge"))
         self.stretch, self.pressure, self.voltage = stretch[-1], float(pressure[-1]), voltage[-1]
 
     def _note_now(self) -> None:
@@ -416,13 +468,14 @@ class _Run:
         stretch_after: FloatArray | None,
         pressure_after: float | None,
         dissipated: float | None,
+        voltage_after: FloatArray | None = None,
     ) -> None:
         """Add an event and the two rows of its sides; a row that is there already is not repeated."""
         self.stretch, self.pressure = stretch, pressure
         rows = self.rows
         if not (rows.time[-1][-1] == self.clock and np.array_equal(rows.stretch[-1][-1], stretch)):
             self._note_now()
-        voltage = self.voltage
+        voltage = self.voltage if voltage_after is None else voltage_after
         field_before = self.device.field(stretch[None], rows.voltage[-1][-1:])[0]
         field_after = None
         if stretch_after is not None and pressure_after is not None:
@@ -501,11 +554,8 @@ class _Run:
         """The record so far, with everything derived from it."""
         rows, device = self.rows, self.device
         stretch, voltage = np.concatenate(rows.stretch), np.concatenate(rows.voltage)
-        pressure, gas, is_open = (
-            np.concatenate(rows.pressure),
-            np.concatenate(rows.gas),
-            np.concatenate(rows.is_open),
-        )
+        pressure, gas = np.concatenate(rows.pressure), np.concatenate(rows.gas)
+        is_open, charged = np.concatenate(rows.is_open), np.concatenate(rows.charged)
         volume, charge = device.volume(stretch), device.charge(stretch, voltage)
         true_field, strength = device.field(stretch, voltage), device.breakdown_field(stretch)
         books = EnergyBalance(
@@ -531,8 +581,8 @@ class _Run:
             gas=gas,
             field=true_field,
             charge=charge,
-            energy=device.energy(stretch, pressure, voltage, gas, is_open),
-            stability=device.stability(stretch, pressure, voltage, gas, is_open),
+            energy=device.energy(stretch, pressure, voltage, gas, is_open, charged),
+            stability=device.stability(stretch, pressure, voltage, gas, is_open, charged),
             events=tuple(self.events),
             outcome=self.outcome,
             energy_balance=books,

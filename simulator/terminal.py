@@ -9,11 +9,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from simulator import units
+
 if TYPE_CHECKING:
     from rich.table import Table
 
     from simulator.curve import Curve, FoldCurve
-    from simulator.history import Event, FloatArray, History, Verdict
+    from simulator.history import FloatArray, History, Verdict
+    from simulator.units import Dimension, Scales
 
 EVENTS_SHOWN = 20
 
@@ -65,7 +68,8 @@ def progress_bar(*, quiet: bool) -> Iterator[Callable[[float], None] | None]:
 def summarise_run(history: History, paths: list[Path]) -> None:
     """Say how a history ended, what happened in it and what it cost."""
     print(_printable(history.scenario.title))
-    end = f" at time {history.time[-1]:.10g}" if len(history) else ""
+    second = " s" if history.scenario.scales else ""
+    end = f" at time {history.time[-1]:.10g}{second}" if len(history) else ""
     print(f"\noutcome  {history.outcome.value}{end}")
     if history.events:
         print(f"events   {len(history.events)}")
@@ -76,22 +80,26 @@ def summarise_run(history: History, paths: list[Path]) -> None:
     else:
         print("events   none")
     for stop in history.stops[:EVENTS_SHOWN]:
-        how = f"ended at time {stop.time:.10g} by {stop.reached}" if stop.reached else "not reached"
+        how = f"ended at time {stop.time:.10g}{second} by {stop.reached}" if stop.reached else "not reached"
         print(f"until    step {stop.step}: {how}")
     if len(history.stops) > EVENTS_SHOWN:
         print(f"         … and {len(history.stops) - EVENTS_SHOWN} more, in run.json")
     for verdict in history.verdicts:
-        print(f"film     {_told(verdict)}")
+        print(f"film     {_told(verdict, history.scenario.scales)}")
     balance, statistics = history.energy_balance, history.statistics
     print(f"energy   closes to {balance.relative_imbalance:.1e} of the work exchanged")
     print(f"cost     {statistics.seconds:.3f} s, {statistics.ida_steps} IDA steps, {len(history)} samples")
     print(f"files    {paths[0].parent}: {', '.join(path.name for path in paths)}")
 
 
-def _told(verdict: Verdict) -> str:
+def _told(verdict: Verdict, scales: Scales | None) -> str:
     """How a film fared, in words."""
-    where = f"at time {verdict.time:.7g}, step {verdict.step}"
-    field = f"field {_short(verdict.field)}, strength {_short(verdict.strength)}"
+    where = f"at time {verdict.time:.7g}{' s' if scales else ''}, step {verdict.step}"
+    field, strength = (
+        units.said(units.FIELD, value * scales.field) if scales else _short(value)
+        for value in (verdict.field, verdict.strength)
+    )
+    field = f"field {field}, strength {strength}"
     if verdict.broke:
         during = {"path": "on the path", "snap": "in the snap", "jump": "at the jump"}[verdict.broke]
         return f"{verdict.balloon}: broke {during} {where}: {field}"
@@ -120,14 +128,14 @@ def summarise_trace(curves: Sequence[Curve], paths: list[Path], *, asked: bool) 
     print(f"files    {paths[0].parent}: {', '.join(path.name for path in paths)}")
 
 
-def summarise_fold(curve: FoldCurve, to: float, paths: list[Path]) -> None:
+def summarise_fold(curve: FoldCurve, to: str, paths: list[Path]) -> None:
     """Say where the curve of a limit point begins and ends, and why.
 
     Parameters
     ----------
     curve : FoldCurve
-    to : float
-        The value that was asked for.
+    to : str
+        The value that was asked for, as it was.
     paths : list of Path
         Files written.
     """
@@ -135,8 +143,10 @@ def summarise_fold(curve: FoldCurve, to: float, paths: list[Path]) -> None:
     values = curve.voltage if curve.voltage.any() else curve.pressure
     print(_printable(curve.title))
     for place, name in ((0, "from"), (-1, "to")):
-        print(f"{name:8} {curve.parameter} = {curve.value[place]:.10g}: {drive} {values[place]:.10g}")
-    reached = "reached" if curve.end == "reached" else f"{to:g} not reached: {curve.end.replace('_', ' ')}"
+        value = _said(curve.scales, curve.dimension, float(curve.value[place]))
+        limit = _said(curve.scales, units.QUANTITIES[drive], float(values[place]))
+        print(f"{name:8} {curve.parameter} = {value}: {drive} {limit}")
+    reached = "reached" if curve.end == "reached" else f"{to} not reached: {curve.end.replace('_', ' ')}"
     print(f"end      {reached}")
     print(f"cost     {curve.ida_steps} IDA steps, {len(curve)} points")
     print(f"files    {paths[0].parent}: {', '.join(path.name for path in paths)}")
@@ -158,16 +168,20 @@ def _point_table(curves: Sequence[Curve]) -> Table:
     if len(curves) > 1:
         table.add_column("curve", justify="right", no_wrap=True)
     table.add_column("point", no_wrap=True)
+    points = [point for curve in curves for point in curve.points]
+    scales = curves[0].scales
+    volts, volt = _unit(scales, units.VOLTAGE, [float(v) for point in points for v in point.voltage])
+    pascals, pascal = _unit(scales, units.PRESSURE, [point.pressure for point in points])
     headings = [
-        *(f"voltage\n{name}" for name in curves[0].electroded),
+        *(f"voltage\n{name}{volt}" for name in curves[0].electroded),
         *(f"stretch\n{name}" for name in curves[0].balloons),
-        "pressure",
+        f"pressure{pascal}",
     ]
     for heading in headings:
         table.add_column(heading, justify="right", no_wrap=True)
     for i, curve in enumerate(curves, start=1):
         for point in curve.points:
-            values = (*point.voltage, *point.stretch, point.pressure)
+            values = (*(point.voltage * volts), *point.stretch, point.pressure * pascals)
             number = [f"{i}"] if len(curves) > 1 else []
             table.add_row(*number, point.kind, *(_short(value) for value in values))
     return table
@@ -179,38 +193,59 @@ def _event_table(history: History) -> Table:
     from rich.table import Table
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("time", justify="right", no_wrap=True)
+    table.add_column("time\n\\[s]" if history.scenario.scales else "time", justify="right", no_wrap=True)
     table.add_column("step", justify="right", no_wrap=True)
     table.add_column("event", no_wrap=True)
+    events = history.events[:EVENTS_SHOWN]
+    scales = history.scenario.scales
+    volts, volt = _unit(scales, units.VOLTAGE, [float(v) for event in events for v in event.voltage])
+    pressures = [p for event in events for p in (event.pressure_before, event.pressure_after)]
+    pascals, pascal = _unit(scales, units.PRESSURE, pressures)
+    joules, joule = _unit(scales, units.ENERGY, [event.dissipated for event in events])
     headings = [
-        *(f"voltage\n{name}" for name in history.electroded),
+        *(f"voltage\n{name}{volt}" for name in history.electroded),
         *(f"stretch\n{name}" for name in history.balloons),
-        "pressure",
-        "dissipated",
+        f"pressure{pascal}",
+        f"dissipated{joule}",
     ]
     for heading in headings:
         table.add_column(heading, justify="right", no_wrap=True)
-    for event in history.events[:EVENTS_SHOWN]:
+    for event in events:
         table.add_row(
             f"{event.time:.7g}",
             f"{event.step}",
             event.kind.value if event.stretch_after is None else f"{event.kind.value}\n  to",
-            *(_short(value) for value in event.voltage),
+            *(_short(value) for value in event.voltage * volts),
             *_both_sides(event.stretch_before, event.stretch_after),
-            *_both_sides(event.pressure_before, event.pressure_after),
-            _dissipated(event),
+            *_both_sides(event.pressure_before, event.pressure_after, pascals),
+            "" if event.dissipated is None else f"\n{_short(event.dissipated * joules)}",
         )
     return table
 
 
-def _both_sides(before: FloatArray | float, after: FloatArray | float | None) -> list[str]:
+def _both_sides(
+    before: FloatArray | float, after: FloatArray | float | None, factor: float = 1.0
+) -> list[str]:
     sides = [before] if after is None else [before, after]
     columns = zip(*([side] if isinstance(side, float) else side for side in sides), strict=True)
-    return ["\n".join(_short(value) for value in column) for column in columns]
+    return ["\n".join(_short(value * factor) for value in column) for column in columns]
 
 
-def _dissipated(event: Event) -> str:
-    return "" if event.dissipated is None else f"\n{_short(event.dissipated)}"
+def _unit(scales: Scales | None, dimension: Dimension, values: Sequence[float | None]) -> tuple[float, str]:
+    """What the dimensionless values of a column are to be multiplied by, and the end of its heading."""
+    if scales is None:
+        return 1.0, ""
+    scale = scales.of(dimension)
+    largest = max((abs(value) for value in values if value is not None), default=0.0)
+    size, unit = units.prefixed(dimension, largest * scale)
+    return scale / size, f"\n\\[{unit}]"  # escaped: rich takes brackets for markup
+
+
+def _said(scales: Scales | None, dimension: Dimension | None, value: float) -> str:
+    """A dimensionless value as such, or with its unit."""
+    if scales is None or dimension is None:
+        return f"{value:.10g}"
+    return units.said(dimension, value * scales.of(dimension), 10)
 
 
 def _printable(title: str) -> str:

@@ -23,8 +23,10 @@ from simulator.drive import VoltageLine
 from simulator.elastomer import Number
 from simulator.equilibrium import NotConverged
 from simulator.events import Condition, eigenvalues, singularity
+from simulator.gas import Contents
 from simulator.model import ElectrodedMembrane, OpenBalloon, SealedBalloons, State
 from simulator.path import Effort, PathError
+from simulator.piece import GAUSS_INTEGRALS, GAUSS_WEIGHTS, straight
 from simulator.scenario import Inflate, Problem, ScenarioError
 from simulator.simulation import simulate
 
@@ -80,7 +82,7 @@ def trace(scenario: Scenario, until: Until | None = None) -> Curve:
         If the path cannot be followed.
     """
     device, group, start = sealed_state(scenario)
-    return _traced(scenario.title, device, group, start, until or Until())
+    return _traced(scenario, device, group, start, until or Until())
 
 
 def trace_all(scenario: Scenario) -> tuple[Curve, ...]:
@@ -89,11 +91,11 @@ def trace_all(scenario: Scenario) -> tuple[Curve, ...]:
     The detached ones are those through any other equilibrium at zero voltage. Raises as `trace`.
     """
     device, group, start = sealed_state(scenario)
-    curves = [_traced(scenario.title, device, group, start, Until())]
-    for rest in rests(device, float(group.equations.amount)):  # type: ignore[union-attr]
+    curves = [_traced(scenario, device, group, start, Until())]
+    for rest in rests(device, group.equations.gas):  # type: ignore[union-attr]
         met = np.array([curve.stretch[i] for curve in curves for i in (0, -1)])
         if np.min(np.max(np.abs(met - rest[: met.shape[1]]), axis=1)) > 1e-7:
-            curves.append(_traced(scenario.title, device, group, rest, Until()))
+            curves.append(_traced(scenario, device, group, rest, Until()))
     return tuple(curves)
 
 
@@ -122,8 +124,8 @@ def trace_inflation(scenario: Scenario, balloon: str | None = None, until: Until
         )
     place = device.names.index(balloon) if balloon is not None else len(device.names) - 1
     device = device.bare(place)
-    (group,) = assembly.inflating(device, [])
-    return _traced(scenario.title, device, group, np.array([1.0, 0.0]), until or Until())
+    (group,) = assembly.inflating(device, VoltageLine.common(0))
+    return _traced(scenario, device, group, np.array([1.0, 0.0]), until or Until())
 
 
 def sealed_state(scenario: Scenario) -> tuple[Device, Group, FloatArray]:
@@ -145,20 +147,21 @@ def sealed_state(scenario: Scenario) -> tuple[Device, Group, FloatArray]:
         )
     device = Device.from_scenario(scenario)
     line = VoltageLine.common(len(device.electroded))
-    (group,) = assembly.actuated(device, line, amount=float(history.gas[-1]))
+    swelling = float(device.swelling(history.stretch[-1:])[0])
+    gas = device.law.sealed(float(history.pressure[-1]), swelling)
+    (group,) = assembly.actuated(device, line, gas=gas)
     start = np.array([*history.stretch[-1], history.pressure[-1], 0.0])
     return device, group, equilibrium.one_at_drive(group.equations, start)
 
 
-def rests(device: Device, amount: float) -> list[FloatArray]:
+def rests(device: Device, gas: Contents) -> list[FloatArray]:
     """All equilibria (stretches…, p, 0) of the sealed device at zero voltage, stable or not.
 
     Every balloon lies on its own inflation curve p(λ), at one common pressure p; on the monotone parts of
     these curves λ is a function of p, and the gas law one equation for p in each combination of parts.
     """
     parts = [_monotone_parts(device, i) for i in range(len(device.names))]
-    (group,) = assembly.actuated(device, VoltageLine.common(len(device.electroded)), amount=amount)
-    cubes = device.radius**3 / 3.0
+    (group,) = assembly.actuated(device, VoltageLine.common(len(device.electroded)), gas=gas)
     found: list[FloatArray] = []
     for combination in itertools.product(*parts):
         low = max(part[1][0] for part in combination)
@@ -168,7 +171,7 @@ def rests(device: Device, amount: float) -> list[FloatArray]:
         pressures = np.unique(np.concatenate([part[1] for part in combination]))
         pressures = np.concatenate([[low], pressures[(pressures > low) & (pressures < high)], [high]])
         stretches = np.array([np.interp(pressures, part[1], part[0]) for part in combination])
-        excess = (pressures + device.ambient) * (cubes @ stretches**3) - amount
+        excess = np.asarray(gas.defect(pressures, device.radius**3 @ stretches**3))
         for i in np.flatnonzero(excess[:-1] * excess[1:] <= 0.0):
             share = excess[i] / (excess[i] - excess[i + 1]) if excess[i] != excess[i + 1] else 0.0
             guess = np.array([*stretches[:, i], pressures[i]])
@@ -198,7 +201,7 @@ def _monotone_parts(device: Device, balloon: int) -> list[tuple[FloatArray, Floa
     return [part if part[1][0] < part[1][-1] else (part[0][::-1], part[1][::-1]) for part in parts]
 
 
-def _traced(title: str, device: Device, group: Group, start: FloatArray, until: Until) -> Curve:
+def _traced(scenario: Scenario, device: Device, group: Group, start: FloatArray, until: Until) -> Curve:
     """The path from a state at which v begins to rise, until something ends it."""
     equations, effort = group.equations, Effort()
     pieces: list[_Piece] = []
@@ -208,9 +211,10 @@ def _traced(title: str, device: Device, group: Group, start: FloatArray, until: 
     while True:
         if len(pieces) > 2 * _MOST_TURNS:
             raise PathError(f"the path turns more than {_MOST_TURNS} times")
-        unstable = int(np.count_nonzero(eigenvalues(equations, state) < 0.0))
+        sizes = eigenvalues(equations, state)
+        unstable, modes = int(np.count_nonzero(sizes < 0.0)), sizes.size
         target = _target(equations.scales[-1], float(state[-1]), rising, until.v)
-        turns = _turns(group, unstable)
+        turns = _turns(group, unstable, modes)
         segment = path.follow(equations, (*turns, *ends), state, target, _RTOL, effort)
         pieces.append(_Piece(segment.states, segment.dense, segment.speeds, unstable))
         state = segment.states[:, -1]
@@ -225,7 +229,7 @@ def _traced(title: str, device: Device, group: Group, start: FloatArray, until: 
         pieces.append(piece)
         rising = bool(piece.states[-1, -1] > state[-1])
         state = piece.states[:, -1]
-    return _curve(title, device, group, pieces, found, effort)
+    return _curve(scenario, device, group, pieces, found, effort)
 
 
 def _ends(group: Group, start: FloatArray, until: Until) -> Iterator[Condition]:
@@ -260,10 +264,10 @@ def _stretch_condition(kind: str, place: int, value: float, sign: float) -> Cond
     return Condition(kind, margin, slope)
 
 
-def _turns(group: Group, unstable: int) -> tuple[Condition, ...]:
+def _turns(group: Group, unstable: int, modes: int) -> tuple[Condition, ...]:
     """The singular points at which the number of unstable directions goes down or up by one."""
     down = (singularity(group.equations, unstable - 1, -1.0),) if unstable else ()
-    up = (singularity(group.equations, unstable, 1.0),) if unstable < len(group.members) else ()
+    up = (singularity(group.equations, unstable, 1.0),) if unstable < modes else ()
     return (*down, *up)
 
 
@@ -289,12 +293,12 @@ def _beyond(
         count = int(np.count_nonzero(eigenvalues(equations, states[:, 0]) < 0.0))
         if count != unstable and all(condition.margin(values) > 0.0 for condition in ends):
             nodes = np.column_stack([point, states])
-            return _Piece(nodes, *path.straight(nodes), count)
+            return _Piece(nodes, *straight(nodes), count)
     raise PathError(f"the path cannot be taken up again beyond v = {point[-1]:.12g}")
 
 
 def _curve(
-    title: str,
+    scenario: Scenario,
     device: Device,
     group: Group,
     pieces: Sequence[_Piece],
@@ -307,9 +311,7 @@ def _curve(
     for piece in pieces:
         speed = np.sqrt(np.einsum("ijk,i->jk", piece.speeds**2, 1.0 / group.equations.scales**2))
         # Arclength up to the Gauss points of each interval and to its end.
-        steps = np.concatenate(
-            [speed @ path.GAUSS_INTEGRALS.T, (speed @ path.GAUSS_WEIGHTS)[:, None]], axis=1
-        )
+        steps = np.concatenate([speed @ GAUSS_INTEGRALS.T, (speed @ GAUSS_WEIGHTS)[:, None]], axis=1)
         steps[1:] += np.cumsum(steps[:-1, -1])[:, None]
         arcs.append(arcs[-1][-1] + steps.ravel())
         states = np.concatenate([piece.dense, piece.states[:, 1:, None]], axis=2)
@@ -320,10 +322,10 @@ def _curve(
     stretch = states[: len(device.names)].T
     voltage = np.repeat(states[-1:].T, len(device.electroded), axis=1)
     pressure = np.asarray(group.equations.pressure(states))
-    gas = (pressure + device.ambient) * device.volume(stretch)
+    gas = np.asarray(device.law.amount(pressure, device.volume(stretch)))
     is_open = np.full(len(stretch), isinstance(group.equations, OpenBalloon))
     return Curve(
-        title=title,
+        title=scenario.title,
         balloons=device.names,
         electroded=tuple(device.names[i] for i in device.electroded),
         arclength=np.concatenate(arcs),
@@ -346,4 +348,6 @@ def _curve(
             for kind, count, state in found
         ),
         ida_steps=effort.ida_steps,
+        radius=device.radius,
+        scales=scenario.scales,
     )

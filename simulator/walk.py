@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from simulator import flow
 from simulator.assembly import AnyEquations, Group
 from simulator.branch import Branch, BranchEnd, beside
+from simulator.charged import ChargedMembrane
 from simulator.drive import Waveform
 from simulator.equilibrium import escape_direction, is_fold, parting_direction
 from simulator.model import ElectrodedMembrane, OscillatingMembrane, SealedBalloons
@@ -194,21 +195,26 @@ def arrivals(
 
 
 def loses_tension(equations: AnyEquations, state: FloatArray, target: float) -> bool:
-    """Whether tension is lost at once: no pressure, valve closed, a voltage rising towards `target`."""
+    """Whether tension is lost at once: no pressure, valve closed, a drive rising towards `target`."""
     if not isinstance(equations, SealedBalloons) or state[-2] > 0.0:
         return False
     v = float(state[-1])
     for membrane in equations.membranes:
-        if isinstance(membrane, ElectrodedMembrane):
-            voltage, change = membrane.offset + membrane.rate * v, membrane.rate * (target - v)
+        if isinstance(membrane, ElectrodedMembrane | ChargedMembrane):
+            now, change = membrane.offset + membrane.rate * v, membrane.rate * (target - v)
         elif isinstance(membrane, OscillatingMembrane):
-            voltage = membrane.voltage(v)
-            change = membrane.voltage(v + _SOON * (target - v)) - voltage
+            now = membrane.voltage(v)
+            change = membrane.voltage(v + _SOON * (target - v)) - now
         else:
             continue
-        if voltage * change > 0.0 or (voltage == 0.0 and change != 0.0):
+        if now * change > 0.0 or (now == 0.0 and change != 0.0):
             return True
     return False
+
+
+def is_slack(equations: AnyEquations, state: FloatArray) -> bool:
+    """Whether stretches under a changed drive need a pressure below zero: of a liquid it changes at once."""
+    return equations.has_pressure and float(equations.admitted(state.tolist())[-2]) < 0.0
 
 
 def by_time(walks: Sequence[Walk], resolution: float) -> list[tuple[float, dict[int, Turn]]]:

@@ -1,9 +1,11 @@
-"""A slice of the fuzz (`python -m tests.fuzz`), always the same, and that the fuzz sees what is wrong."""
+"""A slice of the fuzz, always the same; what once disagreed; and that the fuzz sees what is wrong."""
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +13,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 
 from simulator import History, load_scenario, simulate
+from simulator.exact import SealedPair, equilibrium_curve
 from tests import fuzz
+from tests.fuzz import comparison
 
 OUTCOMES: Counter[str] = Counter()
 
@@ -28,6 +32,14 @@ def test_simulator_agrees_with_the_closed_form(written: dict[str, Any]) -> None:
     verdict = fuzz.examine(written)
     assert not verdict.problems
     OUTCOMES[verdict.outcome] += 1
+
+
+KEPT = sorted((Path(fuzz.__file__).parent / "kept").glob("*.json"))
+
+
+@pytest.mark.parametrize("kept", KEPT, ids=lambda path: path.stem)
+def test_what_once_disagreed_agrees(kept: Path) -> None:
+    assert not fuzz.examine(json.loads(kept.read_text())["scenario"]).problems
 
 
 def test_the_slice_is_not_a_trivial_one() -> None:
@@ -74,12 +86,12 @@ def shifted(history: History, change: str) -> History:
 def test_what_is_wrong_is_seen(change: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert not fuzz.examine(LOOP).problems
     wrong = shifted(simulate(load_scenario(LOOP)), change)
-    monkeypatch.setattr(fuzz, "simulate", lambda _: wrong)
+    monkeypatch.setattr(comparison, "simulate", lambda _: wrong)
     assert fuzz.examine(LOOP).problems
 
 
 def test_a_turn_at_a_limit_point_is_in_doubt_and_nowhere_else() -> None:
-    fold = fuzz.equilibrium_curve(fuzz.SealedPair.from_scenario(load_scenario(LOOP))).limit_points[0].voltage
+    fold = equilibrium_curve(SealedPair.from_scenario(load_scenario(LOOP))).limit_points[0].voltage
     for offset, doubtful in ((0.0, True), (1e-12, True), (-1e-12, True), (3e-11, False), (-3e-11, False)):
         verdict = fuzz.examine({**LOOP, "step": [{"inflate": 1.2}, {"ramp": fold + offset}, {"ramp": 0.0}]})
         assert not verdict.problems

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from simulator.device import Device, smallest_eigenvalue
 from simulator.drive import VoltageCurve, VoltageLine
 from simulator.events import conditions, softest_mode, stability
+from simulator.gas import IdealGas
 from simulator.model import ElectrodedMembrane, Membrane, OscillatingMembrane
 from simulator.scenario import load_scenario
 from simulator.strength import ConstantStrength, PowerStrength
@@ -42,11 +43,13 @@ def systems():
     three = device()
     line = VoltageLine((0.1, 0.0), (0.5, 1.0))
     return {
-        "sealed three": three.sealed(5.0, line),
-        "sealed pair": device(2, (0,)).sealed(3.0, VoltageLine.common(1)),
-        "sealed one": device(1, (0,)).sealed(1.0, VoltageLine.common(1)),
+        "sealed three": three.sealed(IdealGas(5.0, 0.3), line),
+        "sealed pair": device(2, (0,)).sealed(IdealGas(3.0, 0.3), VoltageLine.common(1)),
+        "sealed one": device(1, (0,)).sealed(IdealGas(1.0, 0.3), VoltageLine.common(1)),
         "actuated": three.actuated(2, 0.6, line),
-        "sealed on a curve": three.sealed(5.0, VoltageCurve((0.1, 0.2), (0.3, -0.2), (0.1, 0.7))),
+        "sealed on a curve": three.sealed(
+            IdealGas(5.0, 0.3), VoltageCurve((0.1, 0.2), (0.3, -0.2), (0.1, 0.7))
+        ),
         "actuated on a curve": three.actuated(2, 0.6, VoltageCurve((0.1, 0.2), (0.0, 0.4), (0.0, 0.3))),
         "inflated": three.inflated(0, [0.2, 0.1]),
     }
@@ -134,23 +137,27 @@ def test_softest_mode_is_an_eigenvector():
 
 def test_only_what_moves_has_electrical_terms():
     three = device()
-    left_only = three.sealed(1.0, VoltageLine((0.0, 0.0), (1.0, 0.0)))
+    left_only = three.sealed(IdealGas(1.0, 0.3), VoltageLine((0.0, 0.0), (1.0, 0.0)))
     assert [type(m) for m in left_only.membranes] == [ElectrodedMembrane, Membrane, Membrane]
-    held = three.sealed(1.0, VoltageLine((0.0, 0.2), (1.0, 0.0)))
+    held = three.sealed(IdealGas(1.0, 0.3), VoltageLine((0.0, 0.2), (1.0, 0.0)))
     assert [type(m) for m in held.membranes] == [ElectrodedMembrane, Membrane, ElectrodedMembrane]
     assert type(three.inflated(0, [0.0, 0.0]).membrane) is Membrane
-    waves = three.sealed(1.0, VoltageCurve((0.0, 0.2), (0.3, 0.0), (0.0, 0.0)))
+    waves = three.sealed(IdealGas(1.0, 0.3), VoltageCurve((0.0, 0.2), (0.3, 0.0), (0.0, 0.0)))
     assert [type(m) for m in waves.membranes] == [OscillatingMembrane, Membrane, ElectrodedMembrane]
-    rest = three.sealed(1.0, VoltageCurve((0.0, 0.2), (0.0, 0.1), (0.0, 0.0)))
+    rest = three.sealed(IdealGas(1.0, 0.3), VoltageCurve((0.0, 0.2), (0.0, 0.1), (0.0, 0.0)))
     assert [type(m) for m in rest.membranes] == [Membrane, Membrane, OscillatingMembrane]
 
 
 def test_a_step_along_a_curve_is_no_longer_than_an_eighth_of_a_period():
     three = device()
     curve = VoltageCurve((0.1, 0.2), (0.3, 0.0), (0.0, 0.0))
-    assert three.sealed(1.0, curve).longest_step == three.actuated(0, 0.5, curve).longest_step == 0.125
-    assert three.sealed(1.0, VoltageLine.common(2)).longest_step == np.inf
-    tiny = three.sealed(1.0, VoltageCurve((0.1, 0.2), (1e-9, 0.0), (0.0, 0.0)))
+    assert (
+        three.sealed(IdealGas(1.0, 0.3), curve).longest_step
+        == three.actuated(0, 0.5, curve).longest_step
+        == 0.125
+    )
+    assert three.sealed(IdealGas(1.0, 0.3), VoltageLine.common(2)).longest_step == np.inf
+    tiny = three.sealed(IdealGas(1.0, 0.3), VoltageCurve((0.1, 0.2), (1e-9, 0.0), (0.0, 0.0)))
     assert tiny.scales[-1] == 1.0
 
 
@@ -159,7 +166,7 @@ def test_conditions_are_those_that_apply():
     nine = ConstantStrength(9.0)
     strengths = [nine, None, None]
     line = VoltageLine.common(2)
-    assert [c.kind for c in conditions(three.sealed(1.0, line), strengths)] == [
+    assert [c.kind for c in conditions(three.sealed(IdealGas(1.0, 0.3), line), strengths)] == [
         "limit_point",
         "loss_of_tension",
         "breakdown",

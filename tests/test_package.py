@@ -79,3 +79,20 @@ def test_importing_the_package_loads_next_to_nothing():
 def test_running_in_python_needs_no_tables_pictures_or_terminal():
     program = "import sys; from simulator import load_scenario, simulate, History; print(*sys.modules)"
     assert not {"pandas", "matplotlib", "typer", "rich"} & set(python(program).split())
+
+
+def test_a_run_is_independent_of_the_closed_form_that_it_is_measured_against(tmp_path):
+    program = (
+        "import sys; from simulator.cli import app; "
+        f"app(['run', 'scenarios/fig5b_state_b.toml', '--out', {str(tmp_path / 'run')!r}], "
+        "standalone_mode=False); print(*sys.modules)"
+    )
+    assert "simulator.exact" not in python(program).split()
+
+
+def test_the_closed_form_loads_nothing_of_the_solver():
+    loaded = python("import sys, simulator.exact; print(*sys.modules)").split()
+    assert {"simulator.exact.history", "simulator.elastomer"} <= set(loaded)
+    assert not {"sksundae", "scipy", "simulator.model", "simulator.equilibrium", "simulator.scenario"} & set(
+        loaded
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simulator import equilibrium, path
+from simulator import equilibrium, path, piece
 from simulator.branch import Branch
 from simulator.path import Effort
 from simulator.simulation import _Run
@@ -15,9 +15,9 @@ from tests.pairs import pair, run
 
 def test_gauss_rules():
     for power in range(5):
-        exact = path.GAUSS_POINTS ** (power + 1) / (power + 1)
-        assert path.GAUSS_INTEGRALS @ path.GAUSS_POINTS**power == pytest.approx(exact, abs=1e-13)
-        assert path.GAUSS_WEIGHTS @ path.GAUSS_POINTS**power == pytest.approx(1 / (power + 1), abs=1e-14)
+        exact = piece.GAUSS_POINTS ** (power + 1) / (power + 1)
+        assert piece.GAUSS_INTEGRALS @ piece.GAUSS_POINTS**power == pytest.approx(exact, abs=1e-13)
+        assert piece.GAUSS_WEIGHTS @ piece.GAUSS_POINTS**power == pytest.approx(1 / (power + 1), abs=1e-14)
 
 
 @pytest.mark.parametrize("rtol", [1e-1, 1e-2, 1e-3, 1e-6, 1e-9])
@@ -47,7 +47,7 @@ def test_two_limit_points_close_together_are_not_stepped_over():
 def test_a_branch_knows_what_it_has_seen():
     history = run(pair(0.6, {"ramp": 0.3}, {"ramp": 0.1}, {"ramp": 0.25}, {"ramp": 0.0}))
     assert history.statistics.branches == 2  # the inflation's, one for both balloons, and the sealed pair's
-    assert history.statistics.ida_solves == 2
+    assert history.statistics.ida_solves == 1  # the inflation needs none
 
 
 def test_work_of_parts_adds_up():
@@ -76,9 +76,9 @@ def test_a_segment_that_is_no_path_is_refused():
         played.play(number, step)
     (branch,) = next(known for eq, known in played.atlas.branches.items() if eq.has_pressure)
     points, directions = branch.states.copy(), branch.tangents.copy()
-    points[:, 5] = points[:, 12]  # back and forth
+    points[:, 5] = points[:, 9]  # back and forth
     with pytest.raises(equilibrium.NotConverged):
-        path._polished(branch.equations, branch.conditions, points, directions, len(branch.conditions), 0.3)
+        piece._polished(branch.equations, branch.conditions, points, directions, len(branch.conditions), 0.3)
 
 
 def test_an_unstable_stretch_is_not_taken_for_a_branch():

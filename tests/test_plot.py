@@ -90,6 +90,8 @@ def test_snaps_of_the_loop_are_vertical_at_the_voltage_of_the_event():
 
 def test_a_voltage_jump_moves_the_voltage_before_the_state():
     history = cycled_pair()
+    jumps = tuple(replace(event, kind=EventKind.JUMP) for event in history.events)
+    history = replace(history, events=jumps)
     first = int(np.flatnonzero(np.diff(history.branch))[0])
     history.voltage[: first + 1] *= 0.5
     x, y = lines(plot_loop(history, axes()), "--")[0].get_data()
@@ -99,6 +101,19 @@ def test_a_voltage_jump_moves_the_voltage_before_the_state():
         history.voltage[first + 1, 0],
     ]
     assert list(y) == [history.stretch[first, 0], history.stretch[first, 0], history.stretch[first + 1, 0]]
+
+
+def test_a_snap_at_given_charge_moves_both_at_once():
+    history = cycled_pair()
+    first = int(np.flatnonzero(np.diff(history.branch))[0])
+    history.voltage[: first + 1] *= 0.5
+    ax = plot_loop(history, axes())
+    x, y = lines(ax, "--")[0].get_data()
+    assert set(zip(x, y, strict=True)) == {
+        (history.voltage[i, 0], history.stretch[i, 0]) for i in (first, first + 1)
+    }
+    marks = {(line.get_xdata()[0], line.get_ydata()[0]) for line in ax.lines if len(line.get_xdata()) == 1}
+    assert (history.voltage[first, 0], history.stretch[first, 0]) in marks
 
 
 def test_events_carry_the_marker_of_their_kind():

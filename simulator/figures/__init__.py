@@ -1,4 +1,4 @@
-"""The figures of Sun, Wang & Zhou (2015) and three histories behind them, from their scenario files.
+"""The figures of Sun, Wang & Zhou (2015), three histories behind them, and others, from scenario files.
 
 Each `draw_*` function returns a whole figure, made of functions that take axes and return them.
 """
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import matplotlib as mpl
 
-from simulator.figures import actuation, histories, inflation, snap
+from simulator.figures import actuation, chamber, histories, inflation, snap
 from simulator.figures.style import SETTINGS
 
 if TYPE_CHECKING:
@@ -36,6 +36,9 @@ FIGURES: dict[str, Callable[[Path], Figure]] = {
     "history5b_b": partial(histories.draw, name="fig5b_state_b"),
     "history5c_a": partial(histories.draw, name="fig5c_state_a"),
 }
+
+# What the paper does not have.
+MORE: dict[str, Callable[[Path], Figure]] = {"chamber": chamber.draw}
 
 _DOTS_PER_INCH = 200.0
 _WIDEST = 1120.0  # dots
@@ -61,7 +64,7 @@ def draw_figures(scenarios: Path) -> dict[str, bytes]:
     """
     files: dict[str, bytes] = {}
     with mpl.rc_context(cast("Any", SETTINGS)):
-        for name, draw in FIGURES.items():
+        for name, draw in {**FIGURES, **MORE}.items():
             figure = draw(scenarios)
             files[f"{name}.svg"] = _saved(figure, "svg", {"Date": None, "Creator": None})
             files[f"{name}.png"] = _saved(figure, "png", {"Software": None})

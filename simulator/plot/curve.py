@@ -12,7 +12,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from simulator.plot.style import COLOURS, GREY, PRESSURE, STRETCH, VOLTAGE, dress, mark, marker_style, png
+from simulator.plot.quantities import add_stretch_axis, shown_curves, shown_fold
+from simulator.plot.style import COLOURS, GREY, dress, mark, marker_style, png
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -60,6 +61,7 @@ def plot_fold(curve: FoldCurve) -> Figure:
     """Draw a limit point's voltage (of an inflation: its pressure) over the number that changes."""
     figure = Figure(figsize=(6.4, 4.6), layout="constrained")
     ax = dress(figure.add_subplot())
+    curve, labels, parameter = shown_fold(curve)
     inflation = not curve.voltage.any()
     drive = curve.pressure if inflation else curve.voltage
     ax.plot(curve.value, drive, color=COLOURS[0], **STABLE)
@@ -73,10 +75,9 @@ def plot_fold(curve: FoldCurve) -> Figure:
         ha="right" if right else "left",
     )
     ax.margins(0.08, 0.14)
-    ax.set_xlabel(curve.parameter, parse_math=False)
-    ax.set_ylabel(
-        f"pressure of the limit point  {PRESSURE}" if inflation else f"voltage of the limit point  {VOLTAGE}"
-    )
+    ax.set_xlabel(parameter, parse_math=False)
+    shown = f"pressure of the limit point  {labels.pressure}"
+    ax.set_ylabel(shown if inflation else f"voltage of the limit point  {labels.voltage}")
     ax.set_title(fill(curve.title, 60), parse_math=False, fontsize=12, fontweight="bold")
     return figure
 
@@ -88,6 +89,8 @@ def draw_fold_png(curve: FoldCurve, dots_per_inch: float = 150.0) -> bytes:
 
 def plot_paths(curves: Sequence[Curve], ax: Axes) -> Axes:
     """Draw stretch over voltage of the first electroded balloon (of an inflation: over pressure).
+
+    With [scales] it is the radius, with the stretch at the right.
 
     Parts that run off along the stretch limit, to enormous voltages, are cut off.
 
@@ -102,6 +105,7 @@ def plot_paths(curves: Sequence[Curve], ax: Axes) -> Axes:
     matplotlib.axes.Axes
         The same axes.
     """
+    curves, labels = shown_curves(curves, max(_farthest(curve) for curve in curves))
     farthest = max(_farthest(curve) for curve in curves)
     for i, curve in enumerate(curves):
         x, y = _shown(curve)
@@ -113,9 +117,13 @@ def plot_paths(curves: Sequence[Curve], ax: Axes) -> Axes:
             at = float(point.voltage[0]) if curve.electroded else point.pressure
             if point.kind in _MARKED and at <= farthest:
                 mark(point.kind, at, float(point.stretch[balloon]), ax)
-    name = curves[0].balloons[_balloon(curves[0])]
-    ax.set_xlabel(f"voltage on {name}  {VOLTAGE}" if curves[0].electroded else f"pressure  {PRESSURE}")
-    ax.set_ylabel(f"stretch of {name}  {STRETCH}")
+    balloon = _balloon(curves[0])
+    name = curves[0].balloons[balloon]
+    electroded = curves[0].electroded
+    ax.set_xlabel(f"voltage on {name}  {labels.voltage}" if electroded else f"pressure  {labels.pressure}")
+    ax.set_ylabel(f"{labels.extent} of {name}  {labels.size}")
+    if labels.unstretched:
+        add_stretch_axis(ax, labels.unstretched[balloon])
     ax.margins(0.06)
     ax.set_xlim(right=1.05 * farthest)
     return dress(ax)

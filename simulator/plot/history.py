@@ -19,13 +19,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from simulator.history import EventKind, Outcome
+from simulator.plot.quantities import Labels, add_stretch_axis, shown_history
 from simulator.plot.style import (
     BLACK,
     COLOURS,
     GREY,
-    PRESSURE,
-    STRETCH,
-    VOLTAGE,
     WORDS,
     arrowhead,
     dress,
@@ -125,13 +123,14 @@ def plot_voltage(history: History, ax: Axes) -> Axes:
     matplotlib.axes.Axes
         The same axes.
     """
+    history, labels = shown_history(history)
     voltage = history.voltage
     if _is_common(voltage):
         _draw_in_time(history, voltage[:, 0], ax, BLACK, 1.5)
     else:
         for i, name in enumerate(history.electroded):
             _draw_in_time(history, voltage[:, i], ax, _colour(history, name), _width(i))
-    return _dress_time_axes(ax, f"voltage\n{VOLTAGE}")
+    return _dress_time_axes(ax, labels, f"voltage\n{labels.voltage}")
 
 
 def plot_pressure(history: History, ax: Axes) -> Axes:
@@ -147,12 +146,15 @@ def plot_pressure(history: History, ax: Axes) -> Axes:
     matplotlib.axes.Axes
         The same axes.
     """
+    history, labels = shown_history(history)
     _draw_in_time(history, history.pressure, ax, BLACK, 1.5)
-    return _dress_time_axes(ax, f"pressure\n{PRESSURE}")
+    return _dress_time_axes(ax, labels, f"pressure\n{labels.pressure}")
 
 
 def plot_stretches(history: History, ax: Axes) -> Axes:
     """Draw the stretch of every balloon in time, with the events on the balloon that each moves most.
+
+    Where the scenario has [scales] it is the radius.
 
     Parameters
     ----------
@@ -164,19 +166,21 @@ def plot_stretches(history: History, ax: Axes) -> Axes:
     matplotlib.axes.Axes
         The same axes.
     """
+    history, labels = shown_history(history)
     for i, name in enumerate(history.balloons):
         _draw_in_time(history, history.stretch[:, i], ax, _colour(history, name), _width(i))
     if len(history.events) <= MOST_MARKED_EVENTS:
         for event in history.events:
             mark(event.kind, event.time, event.stretch_before[_most_moved(history, event)], ax)
-    return _dress_time_axes(ax, f"stretch\n{STRETCH}")
+    return _dress_time_axes(ax, labels, f"{labels.extent}\n{labels.size}")
 
 
 def plot_loop(history: History, ax: Axes) -> Axes:
     """Draw stretch over voltage of the first electroded balloon, with jumps dashed and events marked.
 
     Where no balloon has electrodes it is stretch over pressure of the first balloon. Parts of the
-    loop that are retraced, cycle after cycle, are drawn once.
+    loop that are retraced, cycle after cycle, are drawn once. Where the scenario has [scales] it is
+    the radius, with the stretch at the right.
 
     Parameters
     ----------
@@ -188,6 +192,7 @@ def plot_loop(history: History, ax: Axes) -> Axes:
     matplotlib.axes.Axes
         The same axes.
     """
+    history, labels = shown_history(history)
     balloon = _shown_balloon(history)
     name = history.balloons[balloon]
     colour = _colour(history, name)
@@ -201,7 +206,9 @@ def plot_loop(history: History, ax: Axes) -> Axes:
         ax.plot(*_polyline(x, y, new), color=colour, linewidth=1.8, solid_capstyle="round")
         for start, end in _travelled(x, y, new, spans):
             arrowhead(start, end, ax, colour)
-        for before, corner, after in _distinct_jumps(x, y, branch, spans):
+        at_once = [event.time for event in history.events if event.kind is EventKind.JUMP]
+        first_the_drive = np.isin(history.time[moving], at_once)
+        for before, corner, after in _distinct_jumps(x, y, branch, spans, first_the_drive):
             ax.plot(*zip(before, corner, after, strict=True), color=colour, linewidth=1.2, linestyle="--")
             if dist(corner / spans, after / spans) > SHORTEST_ARROW:
                 arrowhead(corner, after, ax, colour)
@@ -209,9 +216,12 @@ def plot_loop(history: History, ax: Axes) -> Axes:
             mark(kind, at[0], at[1], ax)
         if _stops_between_events(history):
             ax.plot(x[-1:], y[-1:], **END_STYLE)
-    ax.set_xlabel(f"voltage on {name}  {VOLTAGE}" if history.electroded else f"pressure  {PRESSURE}")
-    ax.set_ylabel(f"stretch of {name}  {STRETCH}")
+    drive = f"voltage on {name}  {labels.voltage}" if history.electroded else f"pressure  {labels.pressure}"
+    ax.set_xlabel(drive)
+    ax.set_ylabel(f"{labels.extent} of {name}  {labels.size}")
     ax.margins(0.06)
+    if labels.unstretched:
+        add_stretch_axis(ax, labels.unstretched[balloon])
     return dress(ax)
 
 
@@ -333,14 +343,16 @@ def _travelled(
 
 
 def _distinct_jumps(
-    x: FloatArray, y: FloatArray, branch: IntArray, spans: FloatArray
+    x: FloatArray, y: FloatArray, branch: IntArray, spans: FloatArray, first_the_drive: BoolArray
 ) -> list[tuple[Point, Point, Point]]:
-    """Before, corner and after of every jump that looks different: first the drive moves, then the state."""
+    """Before, corner and after of every jump that looks different.
+
+    Where a voltage jumps, first the drive moves, then the state. At a given charge a snap moves both at once.
+    """
     jumps: dict[tuple[int, ...], tuple[Point, Point, Point]] = {}
     for i in _last_of_branches(branch):
         before, after = (float(x[i]), float(y[i])), (float(x[i + 1]), float(y[i + 1]))
-        # A closed valve lets the pressure move with the state; then there is no corner to draw.
-        moves_first = before[1] != after[1] and before[0] != after[0]
+        moves_first = first_the_drive[i] and before[1] != after[1] and before[0] != after[0]
         corner = (after[0], before[1]) if moves_first else before
         key = (*_cell(before, spans), *_cell(after, spans))
         if key[:2] != key[2:]:  # another balloon may have jumped
@@ -353,6 +365,9 @@ def _distinct_marks(history: History, balloon: int, spans: FloatArray) -> list[t
     marks: dict[tuple[EventKind, int, int], tuple[EventKind, Point]] = {}
     for event in history.events:
         drive = float(event.voltage[0]) if history.electroded else event.pressure_before
+        if history.electroded and event.kind is not EventKind.JUMP:
+            # At a given charge the voltage falls in a snap; the event has it after that.
+            drive = _voltage_before(history, event)
         at = (drive, float(event.stretch_before[balloon]))
         after = event.stretch_after
         if after is not None and _cell(at, spans) == _cell((drive, float(after[balloon])), spans):
@@ -360,6 +375,12 @@ def _distinct_marks(history: History, balloon: int, spans: FloatArray) -> list[t
         key = (event.kind, *_cell(at, spans))
         marks.setdefault(key, (event.kind, at))
     return list(marks.values())
+
+
+def _voltage_before(history: History, event: Event) -> float:
+    rows = np.flatnonzero(history.time == event.time)
+    same = rows[(history.stretch[rows] == event.stretch_before).all(axis=1)]
+    return float(history.voltage[same[0] if same.size else rows[0], 0])
 
 
 def _cell(at: Point, spans: FloatArray) -> tuple[int, int]:
@@ -403,9 +424,10 @@ def _ending(history: History) -> str:
         return "nothing was computed"
     if history.outcome is Outcome.COMPLETED:
         return ""
+    time = f"time {history.time[-1]:.6g}{' s' if history.scenario.scales else ''}"
     if history.outcome is Outcome.FAILED:
-        return f"partial: the solver failed after time {history.time[-1]:.6g}"
-    return f"ended by {history.outcome.value.replace('_', ' ')} at time {history.time[-1]:.6g}"
+        return f"partial: the solver failed after {time}"
+    return f"ended by {history.outcome.value.replace('_', ' ')} at {time}"
 
 
 def _shown_balloon(history: History) -> int:
@@ -431,8 +453,8 @@ def _width(i: int) -> float:
     return (2.2, 1.4)[i] if i < 2 else 1.0
 
 
-def _dress_time_axes(ax: Axes, label: str) -> Axes:
-    ax.set_xlabel("time  t")
+def _dress_time_axes(ax: Axes, labels: Labels, label: str) -> Axes:
+    ax.set_xlabel(f"time  {labels.time}")
     ax.set_ylabel(label)
     ax.margins(x=0.01, y=0.08)
     return dress(ax)

@@ -18,9 +18,11 @@ from simulator.scenario.device import (
 )
 from simulator.scenario.document import Output, Scenario, Solver, load_scenario
 from simulator.scenario.errors import Problem, ScenarioError
+from simulator.scenario.scales import Reference, dimension_of, dimensionless
 from simulator.scenario.steps import (
     BalloonSine,
     BalloonTriangle,
+    Charge,
     Cycle,
     Hold,
     Inflate,
@@ -46,6 +48,7 @@ __all__ = [
     "BalloonSine",
     "BalloonTriangle",
     "Breakdown",
+    "Charge",
     "ConstantBreakdown",
     "Cycle",
     "Elastomer",
@@ -60,6 +63,7 @@ __all__ = [
     "PowerBreakdown",
     "Problem",
     "Ramp",
+    "Reference",
     "Scenario",
     "ScenarioError",
     "Sine",
@@ -72,6 +76,8 @@ __all__ = [
     "TriangleByName",
     "TriangleWave",
     "Until",
+    "dimension_of",
+    "dimensionless",
     "duration",
     "load_scenario",
     "until_of",

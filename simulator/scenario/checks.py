@@ -49,6 +49,9 @@ def disagreements(scenario: Scenario) -> Iterator[Problem]:
         ends = until_of(step)
         if electroded and ends:
             yield from _never(ends, f"{key}.until", names, electroded, step.valve)
+    gas = scenario.gas
+    if "exponent" in gas.model_fields_set and gas.law != "adiabatic":
+        yield Problem("gas.exponent", gas.exponent, f'needs law = "adiabatic", is {gas.law}')
     output = scenario.output
     if output.every is not None and "points" in output.model_fields_set:
         yield Problem("output", output.model_dump(), "must have points or every, not both")

@@ -6,13 +6,37 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo
 
-from simulator.scenario.fields import Chosen, Frozen, NonNegative, Number, Positive, refused
+from simulator.scenario.fields import (
+    Chosen,
+    ElectricField,
+    Float,
+    Frozen,
+    Modulus,
+    Number,
+    Permittivity,
+    Positive,
+    Pressure,
+    Radius,
+    Thickness,
+    Volume,
+    refused,
+)
 
 
 class Gas(Frozen):
-    """The gas the balloons share; `ambient_pressure` in units of μH/R."""
+    """The gas, or liquid, that the balloons share.
 
-    ambient_pressure: NonNegative
+    `ambient_pressure` in units of μH/R; `chamber`, a rigid volume on the same gas, of 4πR³; `exponent` of an
+    adiabatic gas.
+    """
+
+    ambient_pressure: Pressure
+    chamber: Volume = 0.0
+    law: Annotated[
+        Literal["isothermal", "adiabatic", "liquid"],
+        Field(description='"isothermal", "adiabatic" or "liquid"'),
+    ] = "isothermal"
+    exponent: Annotated[Float, Field(gt=1, description="a number > 1")] = 1.4
 
 
 class Gent(Frozen):
@@ -46,7 +70,7 @@ class ConstantBreakdown(Frozen):
     """Dielectric breakdown at the true field `field`, in units of √(μ/ε)."""
 
     law: Annotated[Literal["constant"], Field(description='"constant" or "power"')] = "constant"
-    field: Positive
+    field: ElectricField
 
 
 class PowerBreakdown(Frozen):
@@ -56,19 +80,19 @@ class PowerBreakdown(Frozen):
     """
 
     law: Annotated[Literal["power"], Field(description='"constant" or "power"')]
-    field: Positive
+    field: ElectricField
     stretch_exponent: Number
     thickness_exponent: Number
 
 
-def _breakdown(value: Any, _: ValidationInfo) -> ConstantBreakdown | PowerBreakdown | None:
+def _breakdown(value: Any, info: ValidationInfo) -> ConstantBreakdown | PowerBreakdown | None:
     match value:
         case None:
             return None
         case {"law": "power"}:
-            return PowerBreakdown.model_validate(value)
+            return PowerBreakdown.model_validate(value, context=info.context)
         case {"field": _} | {"law": _}:
-            return ConstantBreakdown.model_validate(value)
+            return ConstantBreakdown.model_validate(value, context=info.context)
     raise refused("must be a table such as { field = 12 }", value)
 
 
@@ -91,10 +115,10 @@ class Balloon(Frozen):
             description="a name of letters, digits and _, no digit first",
         ),
     ]
-    radius: Positive = 1.0
-    thickness: Positive = 1.0
-    modulus: Positive = 1.0
-    permittivity: Positive = 1.0
+    radius: Radius = 1.0
+    thickness: Thickness = 1.0
+    modulus: Modulus = 1.0
+    permittivity: Permittivity = 1.0
     electrodes: Annotated[bool, Field(strict=True, description="true or false")] = False
     breakdown: Breakdown = None
     elastomer: Elastomer

@@ -11,22 +11,24 @@ from pydantic import AfterValidator, Field, PrivateAttr, ValidationError
 from simulator.scenario.checks import disagreements
 from simulator.scenario.device import Balloon, Gas
 from simulator.scenario.errors import Problem, ScenarioError
-from simulator.scenario.fields import Float, Frozen, Int, Positive, Text, not_empty
+from simulator.scenario.fields import Float, Frozen, Int, Text, Time, not_empty
 from simulator.scenario.reading import read_toml
+from simulator.scenario.scales import Scaled, scales_of
 from simulator.scenario.steps import PlayedStep, Step, unrolled
+from simulator.units import Scales, as_written
 
 
 class Output(Frozen):
     """Samples wanted: `points` for each step, or one `every` so much time."""
 
     points: Annotated[Int, Field(ge=2, description="a whole number >= 2")] = 101
-    every: Annotated[Positive | None, Field(description="a number > 0")] = None
+    every: Annotated[Time | None, Field(description="a number > 0")] = None
 
 
 class Solver(Frozen):
     """Settings of the integrator."""
 
-    rtol: Annotated[Float, Field(ge=1e-12, le=1e-1, description="a number from 1e-12 to 0.1")] = 1e-4
+    rtol: Annotated[Float, Field(ge=1e-12, le=1e-1, description="a number from 1e-12 to 0.1")] = 1e-3
 
 
 class Scenario(Frozen):
@@ -37,6 +39,9 @@ class Scenario(Frozen):
 
     title: Text
     source: Annotated[Text | None, Field(description="a non-empty text")] = None
+    reference: Annotated[
+        Scaled | None, Field(description="a table of shear_modulus, thickness, radius, permittivity")
+    ] = Field(default=None, alias="scales")
     gas: Annotated[Gas, Field(description="a table with ambient_pressure")]
     balloons: Annotated[tuple[Balloon, ...], AfterValidator(not_empty)] = Field(
         alias="balloon", description="one or more [[balloon]] tables"
@@ -61,6 +66,11 @@ class Scenario(Frozen):
         return self._file
 
     @property
+    def scales(self) -> Scales | None:
+        """What is 1 in SI units; None for a scenario without units."""
+        return self.reference.scales if self.reference else None
+
+    @property
     def electroded(self) -> tuple[str, ...]:
         """Names of the balloons with electrodes, in the order of the file."""
         return tuple(balloon.name for balloon in self.balloons if balloon.electrodes)
@@ -70,7 +80,8 @@ class Scenario(Frozen):
         return unrolled(self.steps)
 
     def to_dict(self) -> dict[str, Any]:
-        """The scenario in the grammar of the file, defaults left out; tables by their absolute path.
+        """The scenario in the grammar of the file, units as written, defaults left out; tables by their
+        absolute path.
 
         `load_scenario(scenario.to_dict()) == scenario`.
         """
@@ -113,13 +124,14 @@ def load_scenario(source: str | os.PathLike[str] | Mapping[str, Any]) -> Scenari
         except ValueError as error:
             raise ScenarioError(file, Problem("", None, str(error))) from None
     try:
-        scenario = Scenario.model_validate(data, context={"file": file, "folder": folder})
+        scales = scales_of(data["scales"]) if data.get("scales") is not None else None
+        scenario = Scenario.model_validate(data, context={"file": file, "folder": folder, "scales": scales})
     except ValidationError as error:
         problems = [Problem(_dotted(e["loc"], data), e["input"], e["msg"]) for e in error.errors()]
     except RecursionError:
         problems = [Problem("step", None, "is nested too deeply")]
     else:
-        problems = [*disagreements(scenario)]
+        problems = [found._replace(value=as_written(found.value)) for found in disagreements(scenario)]
         if not problems:
             return scenario
     raise ScenarioError(file, *problems)

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
     Field,
+    TypeAdapter,
     ValidationError,
     ValidationInfo,
     model_validator,
 )
+from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails, PydanticCustomError, core_schema
+
+from simulator import units
+from simulator.units import Dimension, Written, as_written
 
 
 def _python_scalar(value: Any) -> Any:
@@ -33,6 +39,61 @@ Number = Annotated[Float, Field(description="a number")]
 Positive = Annotated[Float, Field(gt=0, description="a number > 0")]
 
 NonNegative = Annotated[Float, Field(ge=0, description="a number >= 0")]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Marks a number that may also be a text with a unit of a dimension, where the scenario has [scales].
+
+    The scales are in the validation context; the number comes out dimensionless, as a `Written`.
+    """
+
+    dimension: Dimension
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        return core_schema.with_info_wrap_validator_function(
+            self._read,
+            handler(source),
+            serialization=core_schema.plain_serializer_function_ser_schema(as_written),
+        )
+
+    def _read(self, value: Any, handler: Callable[[Any], float], info: ValidationInfo) -> float:
+        if not isinstance(value, str):
+            return handler(value)
+        scales = (info.context or {}).get("scales")
+        if scales is None:
+            if units.has_unit(value):
+                raise PydanticCustomError("no_scales", "no_scales")
+            return handler(value)
+        try:
+            return Written(handler(units.read(value, self.dimension, scales)), value)
+        except ValueError as error:
+            reason = "" if isinstance(error, ValidationError) else str(error)
+            found = {"name": self.dimension.name, "example": self.dimension.example, "reason": reason}
+            raise PydanticCustomError("unit", "unit", found) from None
+
+
+# A field declares what it measures by being one of these, or by a `Measured` of its own; nothing else is
+# needed for it to accept units.
+Time = Annotated[Positive, Measured(units.TIME)]
+
+Radius = Annotated[Positive, Measured(units.RADIUS)]
+
+Thickness = Annotated[Positive, Measured(units.THICKNESS)]
+
+Modulus = Annotated[Positive, Measured(units.MODULUS)]
+
+Permittivity = Annotated[Positive, Measured(units.PERMITTIVITY)]
+
+Pressure = Annotated[NonNegative, Measured(units.PRESSURE)]
+
+Volume = Annotated[NonNegative, Measured(units.VOLUME)]
+
+Voltage = Annotated[Number, Measured(units.VOLTAGE)]
+
+ElectricField = Annotated[Positive, Measured(units.FIELD)]
+
+ElectricCharge = Annotated[Number, Measured(units.CHARGE)]
 
 Text = Annotated[str, Field(strict=True, pattern=r"\S", description="a non-empty text")]
 
@@ -53,6 +114,21 @@ class Chosen:
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
         return core_schema.with_info_plain_validator_function(self.function)
+
+
+def by_name(kind: Any) -> Callable[[Any, ValidationInfo], float | dict[str, float]]:
+    """Chooses between one number of a kind, and such numbers by balloon name."""
+    one: TypeAdapter[float] = TypeAdapter(kind)
+    several: TypeAdapter[dict[str, float]] = TypeAdapter(
+        Annotated[dict[str, kind], AfterValidator(not_empty)]
+    )
+
+    def choose(value: Any, info: ValidationInfo) -> float | dict[str, float]:
+        if isinstance(value, Mapping):
+            return several.validate_python(value, context=info.context)
+        return one.validate_python(value, context=info.context)
+
+    return choose
 
 
 class Frozen(BaseModel):
@@ -80,6 +156,11 @@ def _line(text: str, value: object, loc: tuple[int | str, ...]) -> InitErrorDeta
     return InitErrorDetails(type=reason, loc=loc, input=value)
 
 
+def _one_number(field: FieldInfo | None) -> str:
+    """What is allowed for one of the numbers by name: a field says that before its first comma."""
+    return (field.description if field and field.description else "a number").split(",")[0]
+
+
 def _in_our_words(error: ErrorDetails, model: type[BaseModel]) -> InitErrorDetails:
     """A pydantic error in the words of the scenario file."""
     loc, value = error["loc"], error["input"]
@@ -88,8 +169,8 @@ def _in_our_words(error: ErrorDetails, model: type[BaseModel]) -> InitErrorDetai
         text = f"must be a table of {', '.join(fields)}"
     elif len(loc) == 1 and loc[0] in fields:
         text = f"must be {fields[str(loc[0])].description}"
-    else:  # a voltage by name
-        text = "must be a number"
+    else:  # a number by name
+        text = f"must be {_one_number(fields.get(str(loc[0])))}"
     match error["type"]:
         case "refused":
             text = error["msg"]
@@ -97,6 +178,13 @@ def _in_our_words(error: ErrorDetails, model: type[BaseModel]) -> InitErrorDetai
             value, text = None, f"is missing, {text}"
         case "extra_forbidden" | "invalid_key":
             text = f"unknown key, allowed here: {', '.join(fields)}"
+        case "no_scales":
+            text = f"{text}; a unit needs [scales]"
+        case "unit":
+            found = error["ctx"]
+            if "a number" in text:
+                text = f'{text.split(",")[0].replace("a number", found["name"])} such as "{found["example"]}"'
+            text = f"{text}; {found['reason']}" if found["reason"] else text
         case "finite_number":
             text = text.replace("a number", "a finite number")
         case "value_error":  # a table that cannot be read

@@ -8,61 +8,63 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import (
-    AfterValidator,
-    ConfigDict,
-    Field,
-    PrivateAttr,
-    TypeAdapter,
-    ValidationError,
-    ValidationInfo,
-)
+from pydantic import AfterValidator, ConfigDict, Field, PlainSerializer, PrivateAttr, ValidationInfo
 
-from simulator.scenario.fields import Chosen, Frozen, Int, NonNegative, Number, Positive, not_empty, refused
+from simulator import units
+from simulator.scenario.fields import (
+    Chosen,
+    ElectricCharge,
+    ElectricField,
+    Frozen,
+    Int,
+    Measured,
+    Number,
+    Positive,
+    Pressure,
+    Time,
+    Voltage,
+    by_name,
+    not_empty,
+    refused,
+)
 from simulator.scenario.reading import read_table
+from simulator.units import as_written
 
 Valve = Annotated[Literal["closed", "open"], Field(description='"closed" or "open"')]
 
 
-def _voltage(value: Any, _: ValidationInfo) -> float | dict[str, float]:
-    if isinstance(value, Mapping):
-        return _BY_NAME.validate_python(value)
-    return _NUMBER.validate_python(value)
-
-
-_NUMBER: TypeAdapter[float] = TypeAdapter(Number)
-
-_BY_NAME: TypeAdapter[dict[str, float]] = TypeAdapter(Annotated[dict[str, Number], AfterValidator(not_empty)])
-
-Voltage = Annotated[
+Voltages = Annotated[
     float | dict[str, float],
-    Chosen(_voltage),
+    Chosen(by_name(Voltage)),
+    PlainSerializer(as_written),
     Field(description="a number, or a table of one or more numbers by balloon name"),
 ]
 
 
-_POSITIVE: TypeAdapter[float] = TypeAdapter(Positive)
+Charges = Annotated[
+    float | dict[str, float],
+    Chosen(by_name(ElectricCharge)),
+    PlainSerializer(as_written),
+    Field(description="a number, or a table of one or more numbers by balloon name"),
+]
 
 
-def _value(value: Any, _: ValidationInfo) -> float | dict[str, float]:
-    if isinstance(value, Mapping) and value:
-        return {str(name): _positive(number, str(name)) for name, number in value.items()}
-    return _POSITIVE.validate_python(value)
-
-
-def _positive(value: Any, name: str) -> float:
-    try:
-        return _POSITIVE.validate_python(value)
-    except ValidationError as error:
-        finite = "finite " if error.errors()[0]["type"] == "finite_number" else ""
-        raise refused(f"must be a {finite}number > 0", value, name) from None
-
-
-Value = Annotated[
+Stretches = Annotated[
     float | dict[str, float] | None,
-    Chosen(_value),
+    Chosen(by_name(Positive)),
     Field(description="a number > 0, or a table of one or more numbers > 0 by balloon name"),
 ]
+
+
+Fields = Annotated[
+    float | dict[str, float] | None,
+    Chosen(by_name(ElectricField)),
+    PlainSerializer(as_written),
+    Field(description="a number > 0, or a table of one or more numbers > 0 by balloon name"),
+]
+
+
+PositivePressure = Annotated[Positive, Measured(units.PRESSURE)]
 
 
 class Until(Frozen):
@@ -73,17 +75,17 @@ class Until(Frozen):
     """
 
     event: Annotated[Literal["limit_point"] | None, Field(description='"limit_point"')] = None
-    stretch: Value = None
-    pressure: Annotated[Positive | None, Field(description="a number > 0")] = None
-    field: Value = None
+    stretch: Stretches = None
+    pressure: Annotated[PositivePressure | None, Field(description="a number > 0")] = None
+    field: Fields = None
 
 
-def _until(value: Any, _: ValidationInfo) -> Until | None:
+def _until(value: Any, info: ValidationInfo) -> Until | None:
     if value is None:
         return None
     if not isinstance(value, Mapping) or not value:
         raise refused(f"must be {_ENDS_STEP}", value)
-    return Until.model_validate(value)
+    return Until.model_validate(value, context=info.context)
 
 
 _ENDS_STEP = "a table with one or more of event, stretch, pressure, field"
@@ -94,15 +96,27 @@ OptionalUntil = Annotated[Until | None, Chosen(_until), Field(description=_ENDS_
 class Inflate(Frozen):
     """Excess pressure ramped to `inflate`, valve open."""
 
-    inflate: NonNegative
-    over: Positive = 1.0
+    inflate: Pressure
+    over: Time = 1.0
 
 
 class Ramp(Frozen):
     """Voltage ramped linearly to `ramp`: one number for all electrodes, or a number by balloon name."""
 
-    ramp: Voltage
-    over: Positive = 1.0
+    ramp: Voltages
+    over: Time = 1.0
+    valve: Valve = "closed"
+    until: OptionalUntil = None
+
+
+class Charge(Frozen):
+    """Charge ramped linearly to `charge`: one number for all electrodes, or a number by balloon name.
+
+    The voltage follows. Electrodes not named keep the charge they have.
+    """
+
+    charge: Charges
+    over: Time = 1.0
     valve: Valve = "closed"
     until: OptionalUntil = None
 
@@ -110,31 +124,31 @@ class Ramp(Frozen):
 class Hold(Frozen):
     """Everything kept for the time `hold`."""
 
-    hold: Positive
+    hold: Time
     valve: Valve = "closed"
 
 
 class Jump(Frozen):
     """Voltage changed to `jump` at once: one number for all electrodes, or a number by balloon name."""
 
-    jump: Voltage
+    jump: Voltages
     valve: Valve = "closed"
 
 
 class SineWave(Frozen):
     """mean + amplitude·sin(2πt/period), for `cycles` periods."""
 
-    mean: Number
-    amplitude: Number
-    period: Positive
+    mean: Voltage
+    amplitude: Voltage
+    period: Time
     cycles: Positive
 
 
 class BalloonSine(Frozen):
     """mean + amplitude·sin 2π(t/period + phase) on one balloon; `phase` in periods."""
 
-    mean: Number
-    amplitude: Number
+    mean: Voltage
+    amplitude: Voltage
     phase: Number = 0.0
 
 
@@ -144,7 +158,7 @@ class SineByName(Frozen):
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, BalloonSine] = Field(init=False)
 
-    period: Positive
+    period: Time
     cycles: Positive
 
     @property
@@ -157,8 +171,9 @@ def _has_tables(value: Any) -> bool:
     return isinstance(value, Mapping) and any(isinstance(part, Mapping) for part in value.values())
 
 
-def _sine(value: Any, _: ValidationInfo) -> SineWave | SineByName:
-    return SineByName.model_validate(value) if _has_tables(value) else SineWave.model_validate(value)
+def _sine(value: Any, info: ValidationInfo) -> SineWave | SineByName:
+    kind: type[SineWave | SineByName] = SineByName if _has_tables(value) else SineWave
+    return kind.model_validate(value, context=info.context)
 
 
 class Sine(Frozen):
@@ -176,17 +191,17 @@ class Sine(Frozen):
 class TriangleWave(Frozen):
     """From `low` to `high` in half a period and back in the other half, for `cycles` periods."""
 
-    low: Number
-    high: Number
-    period: Positive
+    low: Voltage
+    high: Voltage
+    period: Time
     cycles: Positive
 
 
 class BalloonTriangle(Frozen):
     """From `low` to `high` and back on one balloon, ahead by `phase` periods."""
 
-    low: Number
-    high: Number
+    low: Voltage
+    high: Voltage
     phase: Number = 0.0
 
 
@@ -196,7 +211,7 @@ class TriangleByName(Frozen):
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, BalloonTriangle] = Field(init=False)
 
-    period: Positive
+    period: Time
     cycles: Positive
 
     @property
@@ -205,8 +220,9 @@ class TriangleByName(Frozen):
         return self.__pydantic_extra__
 
 
-def _triangle(value: Any, _: ValidationInfo) -> TriangleWave | TriangleByName:
-    return TriangleByName.model_validate(value) if _has_tables(value) else TriangleWave.model_validate(value)
+def _triangle(value: Any, info: ValidationInfo) -> TriangleWave | TriangleByName:
+    kind: type[TriangleWave | TriangleByName] = TriangleByName if _has_tables(value) else TriangleWave
+    return kind.model_validate(value, context=info.context)
 
 
 class Triangle(Frozen):
@@ -241,7 +257,7 @@ class Table(Frozen):
 
     def model_post_init(self, context: Any, /) -> None:
         """Read the file."""
-        self._samples = read_table(self.table)
+        self._samples = read_table(self.table, (context or {}).get("scales"))
 
     @property
     def times(self) -> NDArray[np.float64]:
@@ -263,10 +279,11 @@ class Cycle(Frozen):
     steps: Annotated[tuple[Step, ...], AfterValidator(not_empty), Field(description="one or more steps")]
 
 
-PlayedStep = Inflate | Ramp | Hold | Jump | Sine | Triangle | Table
+PlayedStep = Inflate | Ramp | Charge | Hold | Jump | Sine | Triangle | Table
 
 _STEPS: dict[str, type[PlayedStep | Cycle]] = {
-    next(iter(kind.model_fields)): kind for kind in (Inflate, Ramp, Hold, Jump, Sine, Triangle, Table, Cycle)
+    next(iter(kind.model_fields)): kind
+    for kind in (Inflate, Ramp, Charge, Hold, Jump, Sine, Triangle, Table, Cycle)
 }
 
 
@@ -283,13 +300,13 @@ Step = Annotated[PlayedStep | Cycle, Chosen(_step)]
 
 def until_of(step: PlayedStep) -> Until | None:
     """What ends a step before its time, if it names anything."""
-    return step.until if isinstance(step, Ramp | Sine | Triangle | Table) else None
+    return step.until if isinstance(step, Ramp | Charge | Sine | Triangle | Table) else None
 
 
 def duration(step: PlayedStep) -> float:
     """How long a step lasts, unless its `until` ends it before; a jump takes no time."""
     match step:
-        case Inflate() | Ramp():
+        case Inflate() | Ramp() | Charge():
             return step.over
         case Hold():
             return step.hold

@@ -1,50 +1,15 @@
-"""Random scenarios of a sealed pair, simulated and compared with the closed form (`simulator.exact`).
-
-    python -m tests.fuzz 10000 [--seed 1] [--jobs 2] [--keep DIR]
-
-plays N scenarios, prints how they ended and the worst errors, and keeps each scenario on which the two
-disagree as a JSON file; what is under its "scenario" goes into `load_scenario`. What "agree" means:
-
-- The same outcome and the same sequence of events, in the same steps, inflation included.
-- Event voltages (inflation: pressures) within 1e-9. The states before an event, and after it where they are
-  at rest, within 1e-8.
-- The state in which a snap loses its tension, or breaks, depends on the whole trajectory. Both flows are
-  integrated with an error of about 1e-10 a step, the reference's ends good to a few 1e-9: within 1e-6.
-- Every sample within 1e-8 of the exact state at its voltage, on the segment that the reference is on. Next to
-  a limit point the state moves like the square root of the voltage: a rounding of the voltage by 1e-16 moves
-  it by 1e-8. How far the exact state moves under a change of the voltage by `SAME_VOLTAGE` (1e-13) is
-  therefore taken off the distance; elsewhere that is nothing.
-- Energy imbalance within 1e-8 of the work exchanged, but for the rounding of energies of order r²hk (a pair
-  that hardly moves exchanges less than that); what each event dissipated within 1e-8.
-
-A scenario can be undecidable: a ramp turns round at the very voltage of an event, or a snap only just keeps
-its tension. `Margin` in `simulator.exact` says how near each such decision was; below `UNDECIDED` (1e-11 of
-the film's voltage, as margins of events are solved to 1e-12; the error of a flow) the two may go different
-ways and both be right. Where it is a turn, the simulator must agree in everything with the reference of a
-turn just before the event, or at it, or just beyond it. Where it is a flow, it is compared up to there. Such
-scenarios are counted as undecided.
-
-Pressures are 0 or at least `LEAST_PRESSURE`. At a lower one the stretch is 1 + p/12 and has few digits left:
-what happens then is a matter of rounding (an inflation to 1e-16 cannot be told from none).
-"""
+"""One scenario, simulated and compared with the closed form; what "agree" means is in `tests.fuzz`."""
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 import time
-from collections import Counter
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Iterator
 from copy import deepcopy
 from dataclasses import dataclass, field
-from itertools import groupby, product
-from pathlib import Path
+from itertools import groupby
 from typing import Any
 
 import numpy as np
-from hypothesis import strategies as st
 
 from simulator import SolverError, load_scenario, simulate
 from simulator.exact import (
@@ -53,7 +18,6 @@ from simulator.exact import (
     ReferenceEvent,
     ReferenceHistory,
     SealedPair,
-    equilibrium_curve,
     inflation_history,
     reference_history,
     states_on,
@@ -66,104 +30,7 @@ LOST_STATE = 1e-6
 ENERGY = 1e-8
 SAME_VOLTAGE = 1e-13
 BESIDE = 1e-10
-LEAST_PRESSURE = 1e-4
 UNDECIDED = {"turn": 1e-11, "tension": 1e-8, "breakdown": 1e-8}
-
-
-# -- scenarios -----------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Dice:
-    """Where random numbers come from: a NumPy generator, or Hypothesis."""
-
-    number: Callable[[float, float], float]
-    whole: Callable[[int, int], int]
-
-
-def numpy_dice(seed: int) -> Dice:
-    rng = np.random.default_rng(seed)
-    return Dice(lambda a, b: float(rng.uniform(a, b)), lambda a, b: int(rng.integers(a, b + 1)))
-
-
-def scenario(dice: Dice) -> dict[str, Any]:
-    """A random pair, inflated, sealed, and led through one to six voltage ramps and jumps."""
-
-    def ratio(low: float, high: float) -> float:
-        return float(np.exp(dice.number(np.log(low), np.log(high))))
-
-    def balloon(name: str, **more: Any) -> dict[str, Any]:
-        ratios = {key: ratio(0.3, 3.0) for key in ("thickness", "modulus", "permittivity")}
-        return {
-            "name": name,
-            **more,
-            **ratios,
-            "elastomer": {"model": "gent", "J_lim": dice.number(20.0, 500.0)},
-        }
-
-    active = balloon("active", radius=ratio(0.1, 5.0), electrodes=True)
-    passive = balloon("passive")
-    if dice.whole(0, 1):  # as in the paper: two balloons of one film
-        passive = {"name": "passive", "elastomer": active["elastomer"]}
-        active = {key: active[key] for key in ("name", "radius", "electrodes", "elastomer")}
-
-    def pressure() -> float:
-        return dice.number(LEAST_PRESSURE, 3.0) if dice.whole(0, 20) else 0.0
-
-    # Half of them at the load at which that balloon is about to snap open.
-    last = pressure()
-    if dice.whole(0, 1):
-        load = active["radius"] / (active.get("thickness", 1.0) * active.get("modulus", 1.0))
-        last = min(3.0, dice.number(0.2, 1.35) / load)
-    pressures = [pressure() for _ in range(max(0, dice.whole(0, 6) - 4))] + [last]
-    ambient = dice.number(0.0, 5.0) ** 3 / 25.0
-    # The voltage that a film of this thickness and stiffness takes: limit points are at 0.1 to 0.7 of it.
-    unit = active.get("thickness", 1.0) * np.sqrt(
-        active.get("modulus", 1.0) / active.get("permittivity", 1.0)
-    )
-    legs = [float(unit * dice.number(-0.1, 1.0)) for _ in range(dice.whole(1, 6))]
-
-    def step(leg: float) -> dict[str, Any]:
-        return {"ramp": leg, "over": dice.number(0.1, 10.0)} if dice.whole(0, 5) else {"jump": leg}
-
-    legs = [0.0 if dice.whole(0, 5) == 0 else leg for leg in legs]
-    written = {
-        "title": "fuzz",
-        "gas": {"ambient_pressure": ambient},
-        "balloon": [active, passive] if dice.whole(0, 1) else [passive, active],
-        "step": [{"inflate": p} for p in pressures] + [step(leg) for leg in legs],
-        "output": {"points": dice.whole(2, 40)},
-    }
-    if dice.whole(0, 4) == 0:
-        _turn_near_events(written, dice)
-    return written
-
-
-def _turn_near_events(written: dict[str, Any], dice: Dice) -> None:
-    """Turn some ramps round, and end some jumps, a hair beside a limit point or where p = 0.
-
-    A jump that just fails to land on a limit point creeps past it, at speeds that are the rounding of forces
-    below 1e-12; so jumps keep 1e-9 away, ramps 1e-14.
-    """
-    pair = SealedPair.from_scenario(load_scenario(written))
-    if not pair.sealed.pressure > 0.0:
-        return
-    curve = equilibrium_curve(pair)
-    points = [*curve.limit_points, *([curve.loss_of_tension] if curve.loss_of_tension else [])]
-    for step in written["step"]:
-        if "inflate" not in step and points and dice.whole(0, 1):
-            kind, nearest = ("jump", -9.0) if "jump" in step else ("ramp", -14.0)
-            offset = 10.0 ** dice.number(nearest, -3.0) * (1 if dice.whole(0, 1) else -1)
-            step[kind] = float(points[dice.whole(0, len(points) - 1)].voltage + offset)
-
-
-@st.composite
-def scenarios(draw: st.DrawFn) -> dict[str, Any]:
-    """The same as a Hypothesis strategy, which likes the ends of the ranges, and shrinks."""
-    return scenario(Dice(lambda a, b: draw(st.floats(a, b)), lambda a, b: draw(st.integers(a, b))))
-
-
-# -- comparison ----------------------------------------------------------------------------------------
 
 
 @dataclass
@@ -225,24 +92,43 @@ def examine(written: dict[str, Any]) -> Verdict:
 
 
 def _other_turns(
-    pair: SealedPair, turns: list[float | Jump], reference: ReferenceHistory
+    pair: SealedPair,
+    turns: list[float | Jump],
+    reference: ReferenceHistory,
+    moved: frozenset[int] = frozenset(),
 ) -> Iterator[tuple[ReferenceHistory, frozenset[int]]]:
-    """Where ramps turn round at the voltage of an event: references just before, at and beyond it."""
+    """Where ramps turn round at the voltage of an event: references just before, at and beyond it.
+
+    A turn that one of these brings within reach is moved in its place; `moved` are the legs done already.
+    """
     unit = _voltage_unit(pair)
-    near = UNDECIDED["turn"] * unit
-    events = {m.leg: m.voltage for m in reference.margins if m.what == "turn" and m.size < near}
-    for offsets in product((-BESIDE * unit, 0.0, BESIDE * unit), repeat=len(events)) if events else ():
-        moved = list(turns)
-        for (leg, voltage), offset in zip(events.items(), offsets, strict=True):
-            turn = moved[leg]
-            if isinstance(turn, Jump):
-                moved[leg] = Jump(float(np.copysign(voltage + offset, turn.voltage)))
-            else:
-                moved[leg] = float(np.copysign(voltage + offset, turn))
+    doubtful = _doubtful_turns(reference, unit, moved)
+    if not doubtful:
+        if moved:
+            yield reference, moved
+        return
+    leg, voltage = next(iter(doubtful.items()))
+    for offset in (-BESIDE * unit, 0.0, BESIDE * unit):
+        other = list(turns)
+        turn = other[leg]
+        if isinstance(turn, Jump):
+            other[leg] = Jump(float(np.copysign(voltage + offset, turn.voltage)))
+        else:
+            other[leg] = float(np.copysign(voltage + offset, turn))
         try:
-            yield reference_history(pair, moved), frozenset(events)
+            yield from _other_turns(pair, other, reference_history(pair, other), moved | {leg})
         except ArithmeticError:  # a jump to the very voltage of a limit point has no end
             continue
+
+
+def _doubtful_turns(reference: ReferenceHistory, unit: float, moved: frozenset[int]) -> dict[int, float]:
+    """The legs that end at the voltage of an event, and that voltage."""
+    near = UNDECIDED["turn"] * unit
+    return {
+        m.leg: m.voltage
+        for m in reference.margins
+        if m.what == "turn" and m.size < near and m.leg not in moved
+    }
 
 
 def _voltage_unit(pair: SealedPair) -> float:
@@ -340,8 +226,11 @@ def _compare_voltages(
         elif exact.after is not None and event.stretch_after is not None:
             lost = _ends_in_flow(expected, number)
             name, allowed = ("lost_state", LOST_STATE) if lost else ("state_after", STATE)
+            # So is where it jumps to, at the voltage that was written.
+            elsewhere |= not lost and exact.kind == "jump" and exact.leg in moved
             after = [*event.stretch_after[order], event.pressure_after]
-            verdict.check(name, np.max(np.abs(np.subtract(after, exact.after))), allowed, where)
+            if not elsewhere:
+                verdict.check(name, np.max(np.abs(np.subtract(after, exact.after))), allowed, where)
             if not lost and not elsewhere:
                 assert event.dissipated is not None
                 assert exact.dissipated is not None
@@ -403,60 +292,3 @@ def _compare_samples(
         if reference.segments and branches != wanted:
             verdict.problems.append(f"branches: {branches}, expected {wanted}")
         verdict.check("end_voltage", abs(history.voltage[-1, 0] - reference.voltage), EVENT_VOLTAGE)
-
-
-# -- many ----------------------------------------------------------------------------------------------
-
-
-def _numbered(seed: int) -> tuple[int, dict[str, Any], Verdict]:
-    written = scenario(numpy_dice(seed))
-    try:
-        return seed, written, examine(written)
-    except Exception as error:
-        return seed, written, Verdict(problems=[f"{type(error).__name__}: {error}"])
-
-
-def play(seeds: range, jobs: int) -> Iterator[tuple[int, dict[str, Any], Verdict]]:
-    """Examine the scenarios of many seeds, in order."""
-    if jobs == 1:
-        yield from map(_numbered, seeds)
-        return
-    with ProcessPoolExecutor(jobs) as pool:
-        yield from pool.map(_numbered, seeds, chunksize=8)
-
-
-def main() -> int:
-    parser = argparse.ArgumentParser(description="Random sealed pairs against the closed form.")
-    parser.add_argument("count", type=int, nargs="?", default=1000)
-    parser.add_argument("--seed", type=int, default=0, help="scenarios are seed·10⁶ + 0 … N − 1")
-    parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--keep", type=Path, default=Path("results/fuzz"), help="folder for what disagrees")
-    options = parser.parse_args()
-    first = options.seed * 1_000_000
-    outcomes: Counter[str] = Counter()
-    worst: dict[str, tuple[float, int]] = {}
-    totals: Counter[str] = Counter()
-    seconds: Counter[str] = Counter()
-    for seed, written, verdict in play(range(first, first + options.count), options.jobs):
-        outcomes[verdict.outcome] += 1
-        totals.update(scenarios=1, events=verdict.events, samples=verdict.samples)
-        totals.update(undecided=int(verdict.undecided), disagreements=int(bool(verdict.problems)))
-        seconds.update(verdict.seconds)
-        for what, error in verdict.worst.items():
-            if error >= worst.get(what, (-1.0, 0))[0]:
-                worst[what] = (error, seed)
-        if verdict.problems:
-            options.keep.mkdir(parents=True, exist_ok=True)
-            kept = options.keep / f"{seed}.json"
-            kept.write_text(json.dumps({"problems": verdict.problems, "scenario": written}, indent=1))
-            print(f"{kept}: " + "; ".join(verdict.problems[:3]), file=sys.stderr)
-    print("  ".join(f"{name} {count}" for name, count in totals.items()))
-    print("outcomes:  " + "  ".join(f"{name} {count}" for name, count in outcomes.most_common()))
-    print("seconds:  " + "  ".join(f"{name} {spent:.1f}" for name, spent in seconds.items()))
-    for what, (error, seed) in worst.items():
-        print(f"worst {what:15s} {error:.2e}   scenario {seed}")
-    return 1 if totals["disagreements"] else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
