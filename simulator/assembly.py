@@ -151,9 +151,9 @@ def actuated_open(device: Device, way: Way, *, pressure: float) -> list[Group]:
     ]
 
 
-def held_open(device: Device, line: VoltageLine, *, pressure: float) -> list[Group]:
-    """Valve just opened, nothing moving: every balloon by itself."""
-    return [_group(device, device.actuated(i, pressure, line), [i]) for i in range(len(device.names))]
+def held_open(device: Device, way: Way, *, pressure: float) -> list[Group]:
+    """Valve open: every balloon by itself, whether its voltage moves or not."""
+    return [_group(device, device.actuated(i, pressure, way), [i]) for i in range(len(device.names))]
 
 
 def _group(device: Device, equations: AnyEquations, members: Sequence[int]) -> Group:

@@ -315,6 +315,15 @@ def explain(scenario: ScenarioArgument) -> None:
         _fail(str(error), 2)
 
 
+@app.command()
+def presets() -> None:
+    """List the elastomers that a scenario may name by their material, with their constants and sources."""
+    from simulator.scenario import PRESETS, Preset
+    from simulator.terminal import list_presets
+
+    list_presets({name: (Preset(preset=name).law.words, material) for name, material in PRESETS.items()})
+
+
 def _check_wishes(
     every: bool,
     inflation: bool,

@@ -31,8 +31,9 @@ class SpecialPoint:
     ----------
     kind : str
         "limit_point" (v turns round), "branch_point" (another path crosses), "loss_of_tension" (p = 0),
-        "stretch_limit" (a stretch within 1e-6 of its limit), "zero_voltage", "reached" (what was asked
-        for), "closed" (the path is back where it began).
+        "stretch_limit" (a stretch within 1e-6 of its limit), "out_of_range" (at the end of a measured curve),
+        "unbounded" (a stretch of 1000 of an elastomer without a limit), "zero_voltage", "reached" (what was
+        asked for), "closed" (the path is back where it began).
     arclength, voltage, stretch, pressure
         Where; voltage (n_electroded,), stretch (n_balloons,).
     """

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from simulator.charged import ChargedMembrane
 from simulator.drive import Quantity, VoltageCurve, VoltageLine, Way
-from simulator.elastomer import Elastomer, Gent, NeoHookean
+from simulator.elastomer import Elastomer, as_written
 from simulator.gas import Adiabatic, Contents, Incompressible, Isothermal, Law
 from simulator.model import (
     AnyMembrane,
@@ -56,7 +56,7 @@ class Device:
         electroded = tuple(i for i, b in enumerate(balloons) if b.electrodes)
         return cls(
             names=tuple(b.name for b in balloons),
-            elastomers=tuple(_elastomer(b) for b in balloons),
+            elastomers=tuple(_elastomer(scenario, b) for b in balloons),
             radius=np.array([b.radius for b in balloons]),
             thickness=np.array([b.thickness for b in balloons]),
             modulus=np.array([b.modulus for b in balloons]),
@@ -290,8 +290,23 @@ def _law(gas: Gas) -> Law:
             return Incompressible(gas.ambient_pressure, gas.chamber)
 
 
-def _elastomer(balloon: Balloon) -> Elastomer:
-    chosen = balloon.elastomer
-    if chosen.model == "gent":
-        return Gent(chosen.J_lim)
-    return NeoHookean()
+def _elastomer(scenario: Scenario, balloon: Balloon) -> Elastomer:
+    """A balloon's elastomer. A curve between rows and an object made elsewhere are checked only here."""
+    key, elastomer = f"balloon.{balloon.name}.elastomer", balloon.elastomer
+    try:
+        made = as_written(elastomer)
+    except ValueError as error:
+        raise _refused(scenario, key, elastomer.words, str(error)) from None
+    if elastomer.model == "python":
+        from simulator.elastomer.checks import defect
+
+        found = defect(made)
+        if found is not None:
+            raise _refused(scenario, key, repr(made), found)
+    return made
+
+
+def _refused(scenario: Scenario, key: str, value: str, allowed: str) -> Exception:
+    from simulator.scenario import Problem, ScenarioError
+
+    return ScenarioError(scenario.file, Problem(key, value, allowed))

@@ -6,6 +6,7 @@ event. IDA evaluates it between residual calls, so it must compute from its argu
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.charged import ChargedMembrane
-from simulator.elastomer import Number
+from simulator.elastomer import Number, largest_stretch
 from simulator.model import (
     ElectrodedMembrane,
     Equations,
@@ -25,6 +26,8 @@ from simulator.model import (
 from simulator.strength import Strength
 
 FloatArray = NDArray[np.float64]
+
+ENDLESS = 1e3  # stretch that counts as without end
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,11 @@ def conditions(
             membrane, ElectrodedMembrane | ChargedMembrane | OscillatingMembrane
         ):
             found.append(intactness(membrane, place, strength))
+    for place, wall in enumerate(equations.walls):
+        if (largest := largest_stretch(wall.elastomer)) < math.inf:
+            found.append(validity(place, largest))
+        elif math.isinf(wall.elastomer.stretch_limit):
+            found.append(boundedness(place))
     return tuple(found)
 
 
@@ -112,6 +120,23 @@ def intactness(
         return 1.0 - share * share
 
     return Condition("breakdown", margin, lambda y: gradient(margin, y))
+
+
+def validity(place: int, largest: float) -> Condition:
+    """How far a stretch is from the largest that its elastomer is known at."""
+
+    def slope(y: FloatArray) -> FloatArray:
+        out = np.zeros(y.size)
+        out[place] = -1.0
+        return out
+
+    return Condition("out_of_range", lambda y: largest - y[place], slope)
+
+
+def boundedness(place: int) -> Condition:
+    """How far a stretch is from 1000: a wall that never stiffens may grow without end at a finite drive."""
+    reached = validity(place, ENDLESS)
+    return Condition("runaway", reached.margin, reached.slope)
 
 
 _STEP = 1e-30

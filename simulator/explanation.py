@@ -78,12 +78,22 @@ def assembled(scenario: Scenario) -> Iterator[Assembled]:
         legs = assembly.motion(step, scenario.electroded, source, pressure)
         ways: dict[Way, list[Group]] = {}
         for leg in legs:
-            moves = isinstance(step, Jump) or bool((leg.waveform.values != leg.waveform.values[0]).any())
+            moves = (
+                scenario.dynamics is not None
+                or isinstance(step, Jump)
+                or bool((leg.waveform.values != leg.waveform.values[0]).any())
+            )
             if not moves:
                 ways.setdefault(leg.way, [])
             elif not ways.get(leg.way):
                 if isinstance(step, Inflate):
                     ways[leg.way] = assembly.inflating(device, leg.way)
+                elif scenario.dynamics is not None:
+                    ways[leg.way] = (
+                        assembly.held_open(device, leg.way, pressure=pressure)
+                        if step.valve == "open"
+                        else [assembly.held(device, leg.way, gas=some_gas)]
+                    )
                 elif step.valve == "open":
                     ways[leg.way] = assembly.actuated_open(device, leg.way, pressure=pressure)
                 else:
@@ -111,10 +121,9 @@ def _lines(scenario: Scenario) -> Iterator[str]:
         yield ""
     yield "Balloons"
     for balloon in scenario.balloons:
-        elastomer = ", ".join(f"{key} = {value}" for key, value in balloon.elastomer.model_dump().items())
         sizes = f"r = {balloon.radius:g}, h = {balloon.thickness:g}, k = {balloon.modulus:g}"
         electrodes = f", electrodes, e = {balloon.permittivity:g}" if balloon.electrodes else ""
-        yield f"  {balloon.name}: {sizes}{electrodes}; {elastomer}"
+        yield f"  {balloon.name}: {sizes}{electrodes}; {balloon.elastomer.words}"
         if balloon.breakdown:
             yield f"    its film breaks down at {_breakdown_law(balloon.breakdown, balloon.thickness)}"
     yield ""
@@ -129,7 +138,8 @@ def _lines(scenario: Scenario) -> Iterator[str]:
         opens = isinstance(step, Inflate) or step.valve == "open"
         # Of waves by name a leg in which most move stands for all.
         groups = ways[max(ways, key=lambda way: sum(way.moves))]
-        yield from _step(number, step, sum(leg.waveform.fractions.size - 1 for leg in legs), groups, device)
+        pieces = sum(leg.waveform.fractions.size - 1 for leg in legs)
+        yield from _step(number, step, pieces, groups, device, scenario)
         if until := until_of(step):
             from simulator.until import Watch
 
@@ -166,12 +176,22 @@ def _breakdown_law(law: ConstantBreakdown | PowerBreakdown, thickness: float) ->
     return f"φλ²/h = {written} = {known.field:g} λ^{known.exponent:g}"
 
 
-def _step(number: int, step: PlayedStep, pieces: int, groups: list[Group], device: Device) -> Iterator[str]:
+def _step(
+    number: int,
+    step: PlayedStep,
+    pieces: int,
+    groups: list[Group],
+    device: Device,
+    scenario: Scenario,
+) -> Iterator[str]:
     valve = "open" if isinstance(step, Inflate) else step.valve
     kind = type(step).__name__.lower()
     if not groups:
         why = "nothing moves" if not isinstance(step, Hold) else "everything is kept"
         yield f"  {number}. {kind}, {duration(step):g} long, valve {valve}: {why}; nothing is integrated"
+        return
+    if isinstance(step, Jump) and scenario.dynamics is not None:
+        yield f"  {number}. jump, valve {valve}: the voltage changes, nothing moves at once"
         return
     if isinstance(step, Jump):
         yield f"  {number}. jump, valve {valve}: the overdamped flow at the new voltage"
@@ -182,7 +202,7 @@ def _step(number: int, step: PlayedStep, pieces: int, groups: list[Group], devic
     for group in groups:
         drive = [] if at_once else [f"{_drive(step, group)} (driven)"]
         yield f"     unknowns   {', '.join(_unknowns(group, device) + drive)}"
-        for equation in _equations(group, device):
+        for equation in _equations(group, device, scenario):
             yield f"     equation   {equation}"
         kinds = dict.fromkeys(c.kind for c in group.conditions[1 if at_once else 0 :])
         yield f"     events     {', '.join(kinds) or 'none'}"
@@ -202,7 +222,7 @@ def _unknowns(group: Group, device: Device) -> list[str]:
     return names
 
 
-def _equations(group: Group, device: Device) -> Iterator[str]:
+def _equations(group: Group, device: Device, scenario: Scenario) -> Iterator[str]:
     equations = group.equations
     sealed = isinstance(equations, SealedBalloons)
     membranes = equations.membranes if isinstance(equations, SealedBalloons) else (equations.membrane,)
@@ -218,7 +238,15 @@ def _equations(group: Group, device: Device) -> Iterator[str]:
         wave = ""
         if isinstance(membrane, OscillatingMembrane):
             wave = f", φ = {membrane.mean:g} + {membrane.amplitude:g} sin 2π(θ + {membrane.phase:g})"
-        yield f"force balance of {name}: {terms} = 0{wave}"
+        if scenario.dynamics is None:
+            yield f"force balance of {name}: {terms} = 0{wave}"
+            continue
+        maxwell = scenario.balloons[place].maxwell
+        if maxwell is not None:
+            terms += f" + ({maxwell.modulus:g}/ξ) f_v(λ/ξ)"
+        yield f"flow of {name}: {scenario.dynamics.relaxation_of(name):g} dλ/dt = −[{terms}]{wave}"
+        if maxwell is not None:
+            yield f"Maxwell branch of {name}: dξ/dt = λ f_v(λ/ξ) / {12.0 * maxwell.time:g}"
     if sealed:
         yield _contents(device.law)
 
@@ -256,5 +284,9 @@ def _left_out(scenario: Scenario, steps: Sequence[PlayedStep], seen: set[str]) -
         yield "breakdown: " + (
             "no voltage on the balloon that names it" if named else "no balloon names a field"
         )
-    if any(isinstance(s, Hold) for s in steps):
+    if scenario.dynamics is None:
+        yield "time: balloons follow at once, no [dynamics]"
+    elif not any(balloon.maxwell for balloon in scenario.balloons):
+        yield "creep: no balloon has a Maxwell branch"
+    if scenario.dynamics is None and any(isinstance(s, Hold) for s in steps):
         yield "integration of holds: the state is kept, and copied"

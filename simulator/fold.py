@@ -26,7 +26,7 @@ from scipy import optimize
 from simulator import path
 from simulator.curve import FoldCurve
 from simulator.device import Device
-from simulator.elastomer import Elastomer, Gent, Number
+from simulator.elastomer import Elastomer, Gent, Number, largest_stretch
 from simulator.equilibrium import NotConverged
 from simulator.gas import Law
 from simulator.model import ElectrodedMembrane, Membrane, SealedBalloons
@@ -100,6 +100,10 @@ def fold(
         raise path.PathError(f"{vary} from {parameters.value:g} to {to:g}: {failure}") from failure
     count = len(curve.balloons)
     own = slice(0, 1) if inflation is not None else slice(count, 2 * count)
+    places = [device.names.index(name) for name in curve.balloons]
+    known = [largest_stretch(device.elastomers[i]) for i in places]
+    if (states[own].max(axis=1) > known).any():
+        raise path.PathError(f"{vary}: the limit point leaves the measured curve of an elastomer")
     return FoldCurve(
         title=scenario.title,
         parameter=vary,

@@ -40,6 +40,7 @@ class EventKind(StrEnum):
     LOSS_OF_TENSION = "loss_of_tension"
     BREAKDOWN = "breakdown"
     RUNAWAY = "runaway"
+    OUT_OF_RANGE = "out_of_range"  # a stretch beyond the curve that its elastomer was measured on
 
 
 class Outcome(StrEnum):
@@ -49,6 +50,7 @@ class Outcome(StrEnum):
     LOSS_OF_TENSION = "loss_of_tension"
     BREAKDOWN = "breakdown"
     RUNAWAY = "runaway"
+    OUT_OF_RANGE = "out_of_range"
     FAILED = "failed"  # the solver gave up; the history up to there is kept, as partial
 
 
@@ -208,6 +210,11 @@ class History:
 
     def __len__(self) -> int:
         return int(self.time.size)
+
+    @property
+    def elastomers(self) -> dict[str, str]:
+        """Each balloon's elastomer in plain words, by the balloon's name."""
+        return {balloon.name: balloon.elastomer.words for balloon in self.scenario.balloons}
 
     @property
     def snaps(self) -> tuple[Event, ...]:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-_ENDS = ("loss_of_tension", "breakdown", "runaway")
+_ENDS = ("loss_of_tension", "breakdown", "runaway", "out_of_range")
 
 
 class SolverError(RuntimeError):
@@ -67,7 +67,7 @@ def simulate(scenario: Scenario, *, progress: Callable[[float], None] | None = N
     SolverError
         If the solver failed; with the history up to there.
     """
-    run = _Run(scenario)
+    run = _Run(scenario) if scenario.dynamics is None else _creeping(scenario)
     total = sum(1 for _ in scenario.played_steps()) if progress else 0
     number = 0
     try:
@@ -92,6 +92,13 @@ def _watch(ends: Until, device: Device) -> Watch:
     from simulator.until import Watch  # a run without `until` does without
 
     return Watch.over(ends, device)
+
+
+def _creeping(scenario: Scenario) -> _Run:
+    """A run in real time; its room is entered by those who ask for it."""
+    from simulator.creeping import CreepingRun
+
+    return CreepingRun(scenario)
 
 
 def _leading(fractions: FloatArray, waveform: Waveform, branches: Sequence[Branch | None]) -> int:
@@ -170,9 +177,7 @@ class _Run:
                 self._release_at_voltages()
             reached = self._passed(watch, before)
             if self.outcome is Outcome.COMPLETED and lasts > 0.0 and reached is None:
-                groups_of = partial(self._groups, step)
-                found = courses(self.atlas, legs, groups_of, self.stretch, self.pressure, watch)
-                reached = self._travel(found, start, lasts, watch)
+                reached = self._travel(step, legs, start, lasts, watch)
             if watch:
                 self.stops.append(StepEnd(number, self.clock, reached))
         if opens:
@@ -268,14 +273,17 @@ class _Run:
         for place, group in enumerate(groups):
             start = self._state(group, new)
             turns[place] = self.atlas.settle(group, "jump", start, start)
-        # At frozen stretches all of the supplies' work is stored: ∫φ dq at constant capacitance.
-        unit = self.device.charge(self.stretch[None], np.ones((1, target.size)))[0]
-        work = 0.5 * float(unit @ (target**2 - self.voltage**2))
-        self.electrical_work += work
-        self.stored += work
-        self.voltage = target
+        self._charge(target)
         self._turn(groups, across, turns, [self._state(g, new) for g in groups])
         return True
+
+    def _charge(self, voltage: FloatArray) -> None:
+        """Change the voltages at frozen stretches: all of the supplies' work, ∫φ dq, is stored."""
+        unit = self.device.charge(self.stretch[None], np.ones((1, voltage.size)))[0]
+        work = 0.5 * float(unit @ (voltage**2 - self.voltage**2))
+        self.electrical_work += work
+        self.stored += work
+        self.voltage = voltage
 
     # -- what moves ----------------------------------------------------------------------------------
 
@@ -285,8 +293,12 @@ class _Run:
             return assembly.inflating(self.device, leg.way)
         return self._actuated(leg.way)
 
-    def _travel(self, found: Iterable[Course], start: float, lasts: float, watch: Watch | None) -> str | None:
+    def _travel(
+        self, step: PlayedStep, legs: Sequence[Leg], start: float, lasts: float, watch: Watch | None
+    ) -> str | None:
         """Read samples and events off the courses of a step, and say what ended it early, if anything did."""
+        groups_of = partial(self._groups, step)
+        found: Iterable[Course] = courses(self.atlas, legs, groups_of, self.stretch, self.pressure, watch)
         last = 1.0
         if watch is not None:
             # Samples are spread over what is played: how far that is comes first.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from simulator.curve import Curve, FoldCurve
     from simulator.history import FloatArray, History, Verdict
+    from simulator.scenario.presets import Material
     from simulator.units import Dimension, Scales
 
 EVENTS_SHOWN = 20
@@ -150,6 +151,32 @@ def summarise_fold(curve: FoldCurve, to: str, paths: list[Path]) -> None:
     print(f"end      {reached}")
     print(f"cost     {curve.ida_steps} IDA steps, {len(curve)} points")
     print(f"files    {paths[0].parent}: {', '.join(path.name for path in paths)}")
+
+
+def list_presets(presets: Mapping[str, tuple[str, Material]]) -> None:
+    """Print elastomers by the name of a material.
+
+    Parameters
+    ----------
+    presets : mapping of str to (str, Material)
+        The elastomer in plain words, and its data.
+    """
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1, 1, 0))
+    table.add_column("preset", no_wrap=True)
+    table.add_column("elastomer")
+    table.add_column("μ / Pa", justify="right", no_wrap=True)
+    table.add_column("ε / ε₀", justify="right", no_wrap=True)
+    table.add_column("source", ratio=1)
+    for name, (words, material) in presets.items():
+        numbers = [
+            f"{x:.4g}" if x is not None else "" for x in (material.shear_modulus, material.permittivity)
+        ]
+        table.add_row(name, words, *numbers, f"{material.source}. Fitted to {material.fitted_to}.")
+    Console().print(table)
 
 
 def _ending(curve: Curve, *, asked: bool) -> str:

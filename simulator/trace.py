@@ -20,9 +20,9 @@ from simulator.assembly import AnyEquations, Group
 from simulator.curve import Curve, SpecialPoint
 from simulator.device import Device
 from simulator.drive import VoltageLine
-from simulator.elastomer import Number
+from simulator.elastomer import Number, largest_stretch
 from simulator.equilibrium import NotConverged
-from simulator.events import Condition, eigenvalues, singularity
+from simulator.events import ENDLESS, Condition, eigenvalues, singularity
 from simulator.gas import Contents
 from simulator.model import ElectrodedMembrane, OpenBalloon, SealedBalloons, State
 from simulator.path import Effort, PathError
@@ -39,7 +39,6 @@ STRETCH_MARGIN = 1e-6  # a stretch this close to its limit ends a path
 _STEP_OFF = 1e-6  # scaled arclength at which a path is taken up again beyond a limit point
 _FARTHEST = 1e6  # v over its scale that no path gets to
 _MOST_TURNS = 200
-_ENDLESS = 1e3  # stretch up to which rests of an elastomer without a limit are looked for
 _RTOL = 1e-4
 
 
@@ -71,8 +70,9 @@ def trace(scenario: Scenario, until: Until | None = None) -> Curve:
     scenario : Scenario
         Played through the inflations that it begins with.
     until : Until, optional
-        Where to stop; else where tension is lost, a stretch comes within 1e-6 of its limit, or the path
-        comes back to zero voltage (where it meets its mirror image) or to where it has been.
+        Where to stop; else where tension is lost, a stretch comes within 1e-6 of its limit, to 1000 where
+        the elastomer has none or to the end of its measured curve, or the path comes back to zero voltage
+        (where it meets its mirror image) or to where it has been.
 
     Raises
     ------
@@ -108,14 +108,15 @@ def trace_inflation(scenario: Scenario, balloon: str | None = None, until: Until
     balloon : str, optional
         Name; default the last one (in the paper the passive, reference balloon).
     until : Until, optional
-        Where to stop; default where the stretch comes within 1e-6 of its limit.
+        Where to stop; default where the stretch comes within 1e-6 of its limit, or gets to 1000 where the
+        elastomer has none.
 
     Raises
     ------
     ScenarioError
         If there is no balloon of that name.
     PathError
-        If the path cannot be followed, or never ends (an elastomer without a limit).
+        If the path cannot be followed.
     """
     device = Device.from_scenario(scenario)
     if balloon is not None and balloon not in device.names:
@@ -188,8 +189,8 @@ def rests(device: Device, gas: Contents) -> list[FloatArray]:
 def _monotone_parts(device: Device, balloon: int) -> list[tuple[FloatArray, FloatArray]]:
     """Stretches and pressures, pressures rising, along each monotone part of a balloon's inflation curve."""
     wall = device.walls[balloon]
-    limit = wall.elastomer.stretch_limit
-    top = limit * (1.0 - 1e-9) if np.isfinite(limit) else _ENDLESS
+    limit = min(wall.elastomer.stretch_limit, largest_stretch(wall.elastomer))
+    top = limit * (1.0 - 1e-9) if np.isfinite(limit) else ENDLESS
     stretches = np.concatenate(
         [np.geomspace(1.0, 0.99 * top, 4000), top - np.geomspace(0.01 * top, 1e-9 * top, 400)[1:]]
     )
@@ -218,7 +219,8 @@ def _traced(scenario: Scenario, device: Device, group: Group, start: FloatArray,
         segment = path.follow(equations, (*turns, *ends), state, target, _RTOL, effort)
         pieces.append(_Piece(segment.states, segment.dense, segment.speeds, unstable))
         state = segment.states[:, -1]
-        kind = segment.end or ("reached" if target == until.v else "zero_voltage")
+        end = "unbounded" if rising else "zero_voltage"
+        kind = segment.end or ("reached" if target == until.v else end)
         if kind == "limit_point" and not equilibrium.is_fold(equations, state):
             kind = "branch_point"
         been = any(k == kind and np.abs(s - state).max() < 1e-8 for k, _, s in found)
@@ -233,13 +235,18 @@ def _traced(scenario: Scenario, device: Device, group: Group, start: FloatArray,
 
 
 def _ends(group: Group, start: FloatArray, until: Until) -> Iterator[Condition]:
-    """What ends a path besides zero voltage: slack membranes, a stretch at its limit, a stretch asked for."""
-    yield from (condition for condition in group.conditions if condition.kind == "loss_of_tension")
+    """What ends a path besides zero voltage: slack membranes, a stretch at its limit, a stretch asked for, or
+    the end of a measured curve.
+    """
+    ending = ("loss_of_tension", "out_of_range")
+    yield from (condition for condition in group.conditions if condition.kind in ending)
     for place, wall in enumerate(group.equations.walls):
         if np.isfinite(wall.elastomer.stretch_limit):
             yield _stretch_condition(
                 "stretch_limit", place, wall.elastomer.stretch_limit - STRETCH_MARGIN, 1.0
             )
+        elif not np.isfinite(largest_stretch(wall.elastomer)):
+            yield _stretch_condition("unbounded", place, ENDLESS, 1.0)
     if until.stretch is not None:
         place = next((i for i, m in enumerate(_membranes(group)) if isinstance(m, ElectrodedMembrane)), 0)
         yield _stretch_condition(

@@ -72,10 +72,15 @@ GENT, RAMP, HOLD, POINTS = 'model = "gent", J_lim = 100', "ramp = 0.2\nover = 10
 KINDS = "inflate, ramp, charge, hold, jump, sine, triangle, table, cycle"
 VOLTAGE = "a number, or a table of one or more numbers by balloon name"
 A_NAME = "a name of letters, digits and _, no digit first"
-TOP = "title, source, scales, gas, balloon, step, output, solver"
+TOP = "title, source, scales, gas, balloon, step, dynamics, output, solver"
 IN_GAS = "ambient_pressure, chamber, law, exponent"
 VALUE = "a number > 0, or a table of one or more numbers > 0 by balloon name"
 ENDS = "a table with one or more of event, stretch, pressure, field"
+MODELS = '"gent", "neo-hookean", "mooney-rivlin", "ogden", "arruda-boyce" or "tabulated"'
+MATERIALS = '"VHB-4910", "Sylgard-186" or "natural-rubber"'
+AN_ELASTOMER = 'must be a table such as { model = "gent", J_lim = 100 } or { preset = "VHB-4910" }'
+EXPONENTS = "a list of one or more numbers other than 0"
+A_CURVE = "the path of a CSV file with columns stretch,pressure or stretch,stress"
 TOO_MANY = "must ask for at most 10,000,000 samples over the whole scenario"
 
 
@@ -215,17 +220,88 @@ REFUSED = [
     ("electrodes = true", "electrodes = 1", [("balloon.active.electrodes", 1, "must be true or false")]),
     ("over = 10", 'valve = "ajar"', [("step.2.valve", "ajar", 'must be "closed" or "open"')]),
     # elastomers
-    ('"gent"', '"ogden"', [("balloon.active.elastomer.model", "ogden", 'must be "gent" or "neo-hookean"')]),
+    ('"gent"', '"yeoh"', [("balloon.active.elastomer.model", "yeoh", f"must be {MODELS}")]),
+    ('"gent"', '["gent"]', [("balloon.active.elastomer.model", ["gent"], f"must be {MODELS}")]),
+    (GENT, "J_lim = 100", [("balloon.active.elastomer", {"J_lim": 100}, AN_ELASTOMER)]),
+    (GENT, 'preset = "VHB"', [("balloon.active.elastomer.preset", "VHB", f"must be {MATERIALS}")]),
+    (GENT, "preset = 4910", [("balloon.active.elastomer.preset", 4910, f"must be {MATERIALS}")]),
     (
         GENT,
-        "J_lim = 100",
+        'preset = "natural-rubber", mu = 2',
+        [("balloon.active.elastomer.mu", 2, "unknown key, allowed here: preset")],
+    ),
+    (
+        GENT,
+        GENT + ', preset = "natural-rubber"',
         [
             (
                 "balloon.active.elastomer",
-                {"J_lim": 100},
-                'must be a table such as { model = "gent", J_lim = 100 }',
+                {"model": "gent", "J_lim": 100, "preset": "natural-rubber"},
+                "must have a model or a preset, not both",
             )
         ],
+    ),
+    (
+        GENT,
+        'model = "mooney-rivlin", C1 = -1, C2 = "x"',
+        [
+            ("balloon.active.elastomer.C1", -1, "must be a number >= 0"),
+            ("balloon.active.elastomer.C2", "x", "must be a number >= 0"),
+        ],
+    ),
+    (
+        GENT,
+        'model = "mooney-rivlin", C1 = 0, C2 = 0',
+        [("balloon.active.elastomer.C1", 0, "must be > 0 where C2 is 0")],
+    ),
+    (
+        GENT,
+        'model = "ogden", mu = [1]',
+        [("balloon.active.elastomer.alpha", None, f"is missing, must be {EXPONENTS}")],
+    ),
+    (
+        GENT,
+        'model = "ogden", mu = [], alpha = 2',
+        [
+            ("balloon.active.elastomer.mu", [], "must be a list of one or more numbers"),
+            ("balloon.active.elastomer.alpha", 2, f"must be {EXPONENTS}"),
+        ],
+    ),
+    (
+        GENT,
+        'model = "ogden", mu = [1, "2"], alpha = [1, 2]',
+        [("balloon.active.elastomer.mu.2", "2", "must be a number")],
+    ),
+    (
+        GENT,
+        'model = "ogden", mu = [1, 2], alpha = [2]',
+        [("balloon.active.elastomer.alpha", [2], "must have as many numbers as mu, 2, has 1")],
+    ),
+    (
+        GENT,
+        'model = "ogden", mu = [1, 2], alpha = [2, 0]',
+        [("balloon.active.elastomer.alpha", [2, 0], f"must be {EXPONENTS}")],
+    ),
+    (
+        GENT,
+        'model = "ogden", mu = [1, 2], alpha = [2, -3]',
+        [
+            (
+                "balloon.active.elastomer.mu",
+                [1, 2],
+                "must give a shear modulus Σ mu alpha / 2 > 0, gives -2",
+            )
+        ],
+    ),
+    (
+        GENT,
+        'model = "arruda-boyce", lambda_L = 1',
+        [("balloon.active.elastomer.lambda_L", 1, "must be a number > 1")],
+    ),
+    (
+        GENT,
+        'model = "tabulated", table = 3',
+        [("balloon.active.elastomer.table", 3, f"must be {A_CURVE}")],
     ),
     (
         '"neo-hookean"',
@@ -235,7 +311,7 @@ REFUSED = [
     (
         'elastomer = { model = "neo-hookean" }',
         'elastomer = "gent"',
-        [("balloon.passive.elastomer", "gent", 'must be a table such as { model = "gent", J_lim = 100 }')],
+        [("balloon.passive.elastomer", "gent", AN_ELASTOMER)],
     ),
     # what is missing
     (TITLE, "", [("title", None, "is missing, must be a non-empty text")]),
@@ -245,7 +321,7 @@ REFUSED = [
     (
         'elastomer = { model = "neo-hookean" }',
         "",
-        [("balloon.passive.elastomer", None, "is missing, must be a table with the model")],
+        [("balloon.passive.elastomer", None, "is missing, must be a table with the model or a preset")],
     ),
     (HOLD, "cycle = 2", [("step.3.steps.1.steps", None, "is missing, must be one or more steps")]),
     (

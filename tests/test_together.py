@@ -167,3 +167,44 @@ def test_explain_tells_of_charges_and_waves_as_they_move():
     assert "q² λ⁻⁵" in text
     assert "until      stretch_a = 1.5" in text
     assert "φ = 0.1 + 0.1 sin 2π(θ + 0)" in text
+
+
+def in_time(*steps, time=1e-3, **more):
+    return two(*steps, dynamics={"relaxation_time": time}, b={"electrodes": True}, **more)
+
+
+@pytest.mark.parametrize("kind", ["sine", "triangle"])
+def test_waves_by_name_in_real_time(kind):
+    """In step by name they are one wave; slow ones are nearly in equilibrium; the books close."""
+    one = {"mean": 0.1, "amplitude": 0.1} if kind == "sine" else {"low": 0.0, "high": 0.2}
+    common = {kind: {**one, "period": 10, "cycles": 1.25}}
+    by_name = {kind: {"a": one, "b": one, "period": 10, "cycles": 1.25}}
+    apart = {kind: {"a": one, "b": {**one, "phase": 0.3}, "period": 10, "cycles": 1.25}}
+    histories = [run(in_time(step, output={"every": 0.5})) for step in (common, by_name, apart)]
+    assert not histories[1].events
+    for history in histories:
+        assert history.outcome == "completed"
+        assert history.energy_balance.relative_imbalance < 1e-6
+    same, alike, _ = (
+        dict(zip(history.time.round(9).tolist(), history.stretch, strict=True)) for history in histories
+    )
+    shared = same.keys() & alike.keys()
+    assert len(shared) > 20
+    assert max(np.abs(same[t] - alike[t]).max() for t in shared) < 1e-7
+    still = run(two(apart, b={"electrodes": True}, output={"every": 0.5}))
+    assert histories[2].stretch[-1] == pytest.approx(still.stretch[-1], abs=1e-4)
+
+
+def test_until_is_refused_in_real_time():
+    with pytest.raises(ScenarioError) as error:
+        load_scenario(in_time({"ramp": 0.1, "until": {"stretch": {"a": 1.2}}}))
+    assert error.value.problems == (
+        ("step.2.until", {"stretch": {"a": 1.2}}, "needs a scenario without [dynamics]"),
+    )
+
+
+def test_a_film_breaks_under_a_power_law_in_real_time():
+    weak = in_time({"ramp": 0.5, "over": 10}, a={"breakdown": {**ACRYLIC, "field": 0.3}})
+    history = run(weak)
+    assert history.outcome == "breakdown"
+    assert history.field[-1, 0] == pytest.approx(0.3 * history.stretch[-1, 0] ** 1.13, rel=1e-7)

@@ -144,7 +144,7 @@ def test_stability_changes_at_limit_points_and_nowhere_else(name):
 def test_every_shipped_scenario_traces(file):
     made = load_scenario(file)
     curve = trace(made) if made.electroded else trace_inflation(made)
-    assert curve.end.kind in {"loss_of_tension", "stretch_limit", "zero_voltage", "reached"}
+    assert curve.end.kind in {"loss_of_tension", "stretch_limit", "zero_voltage", "out_of_range"}
     assert np.isfinite(curve.energy).all()
 
 
@@ -252,9 +252,36 @@ def test_a_voltage_is_met_on_the_way_up_first():
     assert end.stretch == pytest.approx([float(x) for x in exact[:2]], abs=1e-9)
 
 
-def test_an_elastomer_without_a_limit_needs_an_end():
-    with pytest.raises(PathError):
-        trace_inflation(single({"inflate": 0.5}, elastomer={"model": "neo-hookean"}))
+def test_an_elastomer_without_a_limit_is_followed_far():
+    curve = trace_inflation(single({"inflate": 0.5}, elastomer={"model": "neo-hookean"}))
+    assert [point.kind for point in curve.points] == ["limit_point", "unbounded"]
+    assert curve.points[0].stretch[0] == pytest.approx(7 ** (1 / 6), abs=1e-12)
+    assert curve.end.stretch[0] == pytest.approx(1e3, rel=1e-12)
+    assert curve.end.pressure == pytest.approx(2e-3, rel=1e-12)  # p = 2(λ⁻¹ − λ⁻⁷)
+
+
+@pytest.mark.parametrize(
+    ("elastomer", "unit", "points"),
+    [
+        ({"model": "neo-hookean"}, 1.0, [(7 ** (1 / 6), 1.239463)]),
+        # Pressures in Pa: c₁ = 3e5, c₂ = 3e4, H/R = 0.01, so that μH/R = 6600.
+        ({"model": "mooney-rivlin", "C1": 3e5, "C2": 3e4}, 6600.0, [(1.47607, 8943.7), (3.14262, 7581.7)]),
+        (
+            {"model": "ogden", "mu": [3e5, -3e4], "alpha": [2, -2]},
+            6600.0,
+            [(1.47607, 8943.7), (3.14262, 7581.7)],
+        ),
+        ({"model": "gent", "J_lim": 50}, 1.0, [(1.41440, 1.269166), (2.96438, 0.951209)]),
+    ],
+    ids=["neo-hookean", "mooney-rivlin", "ogden", "gent"],
+)
+def test_limit_points_of_a_balloon(elastomer, unit, points):
+    curve = trace_inflation(single({"inflate": 0.5}, elastomer=elastomer))
+    found = [(p.stretch[0], p.pressure * unit) for p in curve.points if p.kind == "limit_point"]
+    assert len(found) == len(points)
+    for (stretch, pressure), (wanted, at) in zip(found, points, strict=True):
+        assert stretch == pytest.approx(wanted, abs=5e-6)
+        assert pressure == pytest.approx(at, rel=6e-6)
 
 
 def test_what_cannot_be_traced_is_said():

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.elastomer import Elastomer, Gent, NeoHookean, Number
+from simulator.elastomer import Elastomer, Number, as_written
 from simulator.exact.balloons import Balloon, inflation_history
 from simulator.exact.roots import STEP
 
@@ -144,8 +144,7 @@ class SealedPair:
 
 
 def _as_balloon(written: Any) -> Balloon:
-    chosen = written.elastomer
-    elastomer: Elastomer = Gent(chosen.J_lim) if chosen.model == "gent" else NeoHookean()
+    elastomer: Elastomer = as_written(written.elastomer)
     if written.breakdown and written.breakdown.law != "constant":
         raise ValueError("the closed form's histories know a constant breakdown field alone")
     strength = written.breakdown.field if written.breakdown else None

@@ -28,7 +28,7 @@ STABLE: dict[str, Any] = {"linewidth": 1.8, "solid_capstyle": "round"}
 UNSTABLE: dict[str, Any] = {"linewidth": 1.0, "linestyle": (0, (4, 2))}
 
 _NEARLY = 0.95  # a path that runs off along its stretch limit is shown up to this part of it
-_MARKED = ("limit_point", "branch_point", "loss_of_tension", "reached")
+_MARKED = ("limit_point", "branch_point", "loss_of_tension", "out_of_range", "reached")
 
 
 def plot_curves(curves: Sequence[Curve]) -> Figure:
@@ -169,10 +169,12 @@ def _shown(curve: Curve) -> tuple[FloatArray, FloatArray]:
 def _farthest(curve: Curve) -> float:
     """The voltage or pressure up to which a path is worth showing."""
     x, y = _shown(curve)
+    marked = [p.voltage[0] if curve.electroded else p.pressure for p in curve.points[:-1]]
+    if curve.end.kind == "unbounded" and marked:
+        return 1.2 * float(max(marked))
     if curve.end.kind != "stretch_limit":
         return float(x.max())
     shown = y <= _NEARLY * y[-1]
-    marked = [p.voltage[0] if curve.electroded else p.pressure for p in curve.points[:-1]]
     return float(max([x[shown].max() if shown.any() else x[0], *(1.2 * value for value in marked)]))
 
 

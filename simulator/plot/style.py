@@ -29,6 +29,7 @@ MARKERS: dict[str, str] = {
     EventKind.LOSS_OF_TENSION: "X",
     EventKind.BREAKDOWN: "D",
     EventKind.RUNAWAY: "^",
+    EventKind.OUT_OF_RANGE: "v",
     "reached": "s",
 }
 MARKER_SIZES: dict[str, float] = {

@@ -10,14 +10,24 @@ from simulator.scenario.device import (
     Balloon,
     Breakdown,
     ConstantBreakdown,
-    Elastomer,
     Gas,
-    Gent,
-    NeoHookean,
+    Maxwell,
     PowerBreakdown,
 )
-from simulator.scenario.document import Output, Scenario, Solver, load_scenario
+from simulator.scenario.document import Dynamics, Output, Scenario, Solver, load_scenario
+from simulator.scenario.elastomer import (
+    ArrudaBoyce,
+    Elastomer,
+    Gent,
+    MooneyRivlin,
+    NeoHookean,
+    Ogden,
+    Preset,
+    Python,
+    Tabulated,
+)
 from simulator.scenario.errors import Problem, ScenarioError
+from simulator.scenario.presets import PRESETS
 from simulator.scenario.scales import Reference, dimension_of, dimensionless
 from simulator.scenario.steps import (
     BalloonSine,
@@ -44,6 +54,8 @@ from simulator.scenario.steps import (
 
 __all__ = [
     "MAX_SAMPLES",
+    "PRESETS",
+    "ArrudaBoyce",
     "Balloon",
     "BalloonSine",
     "BalloonTriangle",
@@ -51,17 +63,23 @@ __all__ = [
     "Charge",
     "ConstantBreakdown",
     "Cycle",
+    "Dynamics",
     "Elastomer",
     "Gas",
     "Gent",
     "Hold",
     "Inflate",
     "Jump",
+    "Maxwell",
+    "MooneyRivlin",
     "NeoHookean",
+    "Ogden",
     "Output",
     "PlayedStep",
     "PowerBreakdown",
+    "Preset",
     "Problem",
+    "Python",
     "Ramp",
     "Reference",
     "Scenario",
@@ -72,6 +90,7 @@ __all__ = [
     "Solver",
     "Step",
     "Table",
+    "Tabulated",
     "Triangle",
     "TriangleByName",
     "TriangleWave",

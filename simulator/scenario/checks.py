@@ -8,7 +8,18 @@ from typing import TYPE_CHECKING
 from pydantic import BaseModel
 
 from simulator.scenario.errors import Problem
-from simulator.scenario.steps import Cycle, Hold, Inflate, Jump, Step, Until, duration, numbered, until_of
+from simulator.scenario.steps import (
+    Charge,
+    Cycle,
+    Hold,
+    Inflate,
+    Jump,
+    Step,
+    Until,
+    duration,
+    numbered,
+    until_of,
+)
 
 if TYPE_CHECKING:
     from simulator.scenario.document import Output, Scenario
@@ -26,14 +37,24 @@ def disagreements(scenario: Scenario) -> Iterator[Problem]:
             yield Problem(f"balloon.{index + 1}.name", balloon.name, allowed)
         if balloon.breakdown and not balloon.electrodes:
             key = f"balloon.{balloon.name}.breakdown"
-            yield Problem(
-                key,
-                balloon.breakdown.model_dump(exclude_unset=True),
-                "needs electrodes = true on this balloon",
-            )
+            yield Problem(key, _plain(balloon.breakdown), "needs electrodes = true on this balloon")
+        if balloon.maxwell and scenario.dynamics is None:
+            key = f"balloon.{balloon.name}.maxwell"
+            yield Problem(key, balloon.maxwell.model_dump(), "needs [dynamics] with a relaxation_time")
+    if scenario.dynamics is not None and scenario.gas.law == "liquid":
+        yield Problem("gas.law", "liquid", 'must be "isothermal" or "adiabatic" with [dynamics]')
+    if scenario.dynamics is not None and isinstance(times := scenario.dynamics.relaxation_time, dict):
+        for name in (name for name in times if name not in names):
+            allowed = f"no such balloon, must be one of {', '.join(names)}"
+            yield Problem(f"dynamics.relaxation_time.{name}", times[name], allowed)
+        for name in (name for name in names if name not in times):
+            yield Problem(f"dynamics.relaxation_time.{name}", None, "is missing, must be a number > 0")
     for key, step in numbered(scenario.steps, "step"):
         if isinstance(step, Inflate | Hold | Cycle):
             continue
+        if isinstance(step, Charge) and scenario.dynamics is not None:
+            value = step.charge if isinstance(step.charge, dict) else float(step.charge)
+            yield Problem(f"{key}.charge", value, "does not go with [dynamics], which needs given voltages")
         kind = next(iter(type(step).model_fields))
         voltage = getattr(step, kind)
         if not electroded:
@@ -47,7 +68,10 @@ def disagreements(scenario: Scenario) -> Iterator[Problem]:
                 allowed = f"{lack}, must be one of {', '.join(electroded)}"
                 yield Problem(f"{key}.{kind}.{name}", _plain(value), allowed)
         ends = until_of(step)
-        if electroded and ends:
+        if ends and scenario.dynamics is not None:
+            # Where a flow in real time passes a value is not looked for.
+            yield Problem(f"{key}.until", _plain(ends), "needs a scenario without [dynamics]")
+        elif electroded and ends:
             yield from _never(ends, f"{key}.until", names, electroded, step.valve)
     gas = scenario.gas
     if "exponent" in gas.model_fields_set and gas.law != "adiabatic":

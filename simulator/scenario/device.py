@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo
 
+from simulator.scenario.elastomer import Elastomer
 from simulator.scenario.fields import (
     Chosen,
     ElectricField,
@@ -14,10 +15,10 @@ from simulator.scenario.fields import (
     Modulus,
     Number,
     Permittivity,
-    Positive,
     Pressure,
     Radius,
     Thickness,
+    Time,
     Volume,
     refused,
 )
@@ -37,33 +38,6 @@ class Gas(Frozen):
         Field(description='"isothermal", "adiabatic" or "liquid"'),
     ] = "isothermal"
     exponent: Annotated[Float, Field(gt=1, description="a number > 1")] = 1.4
-
-
-class Gent(Frozen):
-    """Gent elastomer with the stretch limit `J_lim`."""
-
-    model: Literal["gent"]
-    J_lim: Positive
-
-
-class NeoHookean(Frozen):
-    """Neo-Hookean elastomer."""
-
-    model: Literal["neo-hookean"]
-
-
-def _elastomer(value: Any, _: ValidationInfo) -> Gent | NeoHookean:
-    match value:
-        case {"model": "gent"}:
-            return Gent.model_validate(value)
-        case {"model": "neo-hookean"}:
-            return NeoHookean.model_validate(value)
-        case {"model": model}:
-            raise refused('must be "gent" or "neo-hookean"', model, "model")
-    raise refused('must be a table such as { model = "gent", J_lim = 100 }', value)
-
-
-Elastomer = Annotated[Gent | NeoHookean, Chosen(_elastomer), Field(description="a table with the model")]
 
 
 class ConstantBreakdown(Frozen):
@@ -103,6 +77,13 @@ Breakdown = Annotated[
 ]
 
 
+class Maxwell(Frozen):
+    """A spring (`modulus`) in series with a dashpot, beside the elastomer: relaxes in the time `time`."""
+
+    modulus: Modulus
+    time: Time
+
+
 class Balloon(Frozen):
     """One balloon; its numbers are ratios to the reference balloon."""
 
@@ -121,4 +102,7 @@ class Balloon(Frozen):
     permittivity: Permittivity = 1.0
     electrodes: Annotated[bool, Field(strict=True, description="true or false")] = False
     breakdown: Breakdown = None
+    maxwell: Annotated[Maxwell | None, Field(description="a table such as { modulus = 0.5, time = 10 }")] = (
+        None
+    )
     elastomer: Elastomer

@@ -6,16 +6,19 @@ import os
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field, PrivateAttr, ValidationError
+from pydantic import AfterValidator, Field, PlainSerializer, PrivateAttr, TypeAdapter, ValidationError
 
 from simulator.scenario.checks import disagreements
 from simulator.scenario.device import Balloon, Gas
+from simulator.scenario.elastomer import Elastomer
 from simulator.scenario.errors import Problem, ScenarioError
-from simulator.scenario.fields import Float, Frozen, Int, Text, Time, not_empty
+from simulator.scenario.fields import Chosen, Float, Frozen, Int, Text, Time, by_name, not_empty
 from simulator.scenario.reading import read_toml
 from simulator.scenario.scales import Scaled, scales_of
 from simulator.scenario.steps import PlayedStep, Step, unrolled
 from simulator.units import Scales, as_written
+
+_ELASTOMER: TypeAdapter[Any] = TypeAdapter(Elastomer)
 
 
 class Output(Frozen):
@@ -23,6 +26,21 @@ class Output(Frozen):
 
     points: Annotated[Int, Field(ge=2, description="a whole number >= 2")] = 101
     every: Annotated[Time | None, Field(description="a number > 0")] = None
+
+
+class Dynamics(Frozen):
+    """Balloons that take their time: τ dλ/dt = −g with the relaxation time τ, for all or by balloon name."""
+
+    relaxation_time: Annotated[
+        float | dict[str, float],
+        Chosen(by_name(Time)),
+        PlainSerializer(as_written),
+        Field(description="a number > 0, or a table with one for every balloon by name"),
+    ]
+
+    def relaxation_of(self, name: str) -> float:
+        """The relaxation time of a balloon."""
+        return self.relaxation_time[name] if isinstance(self.relaxation_time, dict) else self.relaxation_time
 
 
 class Solver(Frozen):
@@ -49,6 +67,7 @@ class Scenario(Frozen):
     steps: Annotated[tuple[Step, ...], AfterValidator(not_empty)] = Field(
         alias="step", description="one or more [[step]] tables"
     )
+    dynamics: Annotated[Dynamics | None, Field(description="a table with relaxation_time")] = None
     output: Annotated[Output, Field(description="a table with points or every")] = Output()
     solver: Annotated[Solver, Field(description="a table with rtol")] = Solver()
     _file: str = PrivateAttr(default="<dict>")
@@ -75,6 +94,48 @@ class Scenario(Frozen):
         """Names of the balloons with electrodes, in the order of the file."""
         return tuple(balloon.name for balloon in self.balloons if balloon.electrodes)
 
+    def with_elastomers(self, elastomers: Mapping[str, Any]) -> Scenario:
+        """The scenario with other elastomers in some balloons.
+
+        Parameters
+        ----------
+        elastomers : mapping of str to elastomer
+            By balloon name: a table as in a file, or any object that fulfils `simulator.elastomer.Elastomer`,
+            such as one of that package or one of your own. An object is checked when it is first used: its
+            functions are held against each other by complex steps.
+
+        Raises
+        ------
+        ScenarioError
+            If there is no balloon of a name, or something is no elastomer.
+
+        Examples
+        --------
+        >>> from simulator.elastomer import Ogden
+        >>> softer = scenario.with_elastomers({"active": Ogden((1.0, -0.1), (2.0, -2.0))})
+        """
+        names = [balloon.name for balloon in self.balloons]
+        problems: list[Problem] = []
+        made: dict[str, Any] = {}
+        for name, elastomer in elastomers.items():
+            if name not in names:
+                problems.append(Problem("balloon", name, f"must be one of {', '.join(names)}"))
+                continue
+            try:
+                made[name] = _ELASTOMER.validate_python(elastomer, context={"folder": ""})
+            except ValidationError as error:
+                key = f"balloon.{name}.elastomer"
+                problems += [
+                    Problem(".".join([key, *map(str, e["loc"])]), e["input"], e["msg"])
+                    for e in error.errors()
+                ]
+        if problems:
+            raise ScenarioError(self.file, *problems)
+        balloons = tuple(
+            b.model_copy(update={"elastomer": made[b.name]}) if b.name in made else b for b in self.balloons
+        )
+        return self.model_copy(update={"balloons": balloons})
+
     def played_steps(self) -> Iterator[PlayedStep]:
         """Steps in the order they are played, cycles unrolled, one at a time."""
         return unrolled(self.steps)
@@ -83,7 +144,7 @@ class Scenario(Frozen):
         """The scenario in the grammar of the file, units as written, defaults left out; tables by their
         absolute path.
 
-        `load_scenario(scenario.to_dict()) == scenario`.
+        `load_scenario(scenario.to_dict()) == scenario`, but for elastomers made in Python, only named there.
         """
         return self.model_dump(mode="json", by_alias=True, exclude_unset=True)
 
@@ -95,7 +156,8 @@ def load_scenario(source: str | os.PathLike[str] | Mapping[str, Any]) -> Scenari
     ----------
     source : path or mapping
         A TOML file, or its content as a mapping. Paths of tables are relative to the folder of the
-        file, for a mapping to the current directory.
+        file, for a mapping to the current directory. In a mapping a balloon's elastomer may also be an
+        object, see `Scenario.with_elastomers`.
 
     Raises
     ------

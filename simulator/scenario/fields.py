@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Self
@@ -106,6 +107,11 @@ def not_empty(items: Any) -> Any:
     return items
 
 
+def absolute(path: str, info: ValidationInfo) -> str:
+    """A path of the file as an absolute one: it starts at the folder of the file."""
+    return os.path.abspath(os.path.join((info.context or {}).get("folder", ""), path))
+
+
 @dataclass(frozen=True)
 class Chosen:
     """Marks a union whose branch `function` chooses, so that only errors of that branch are told."""
@@ -157,8 +163,9 @@ def _line(text: str, value: object, loc: tuple[int | str, ...]) -> InitErrorDeta
 
 
 def _one_number(field: FieldInfo | None) -> str:
-    """What is allowed for one of the numbers by name: a field says that before its first comma."""
-    return (field.description if field and field.description else "a number").split(",")[0]
+    """What is allowed for one of several numbers; numbers by name say it before their first comma."""
+    allowed = (field.description if field and field.description else "").split(",")[0]
+    return allowed if allowed.startswith("a number") else "a number"
 
 
 def _in_our_words(error: ErrorDetails, model: type[BaseModel]) -> InitErrorDetails:

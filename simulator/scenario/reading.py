@@ -1,4 +1,4 @@
-"""Files that a scenario is made of: TOML, and tables of voltages. Every problem is a ValueError."""
+"""Files that a scenario is made of: TOML, and tables of numbers. Every problem is a ValueError."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ import tomllib
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simulator import units
 from simulator.scenario.errors import short
 from simulator.units import Scales
 
-_COLUMN = re.compile(r"(time|voltage)(?:\s*\[([^\[\]]*)\])?")
+_COLUMN = re.compile(r"(time|voltage|stretch|pressure|stress)(?:\s*\[([^\[\]]*)\])?")
 
 
 def _read_text(path: str) -> str:
@@ -37,31 +38,67 @@ def read_toml(file: str) -> dict[str, Any]:
 
 def read_table(path: str, scales: Scales | None) -> bytes:
     """Times, then voltages, as float64, dimensionless."""
-    # Two numbers a row need no csv module, and 1e5 rows are read in half the time without it.
-    rows = [(number, row) for number, row in enumerate(_read_text(path).splitlines(), start=1) if row.strip()]
-    header = [cell.strip(' "') for cell in rows[0][1].split(",")] if rows else []
-    columns_found = [_COLUMN.fullmatch(cell) for cell in header]
-    names = [column[1] if column else "" for column in columns_found]
-    if sorted(names) != ["time", "voltage"]:
-        found = f"has {short(rows[0][1])}" if rows else "is empty"
-        or_units = " or, with units, time [s],voltage [kV]" if scales else ""
-        raise ValueError(f"must have the header time,voltage{or_units}, {found}")
-    factors = [_factor(column[1], column[2], scales) for column in columns_found if column]
-    if len(rows := rows[1:]) < 2:
-        raise ValueError(f"must have at least two rows below the header, has {len(rows)}")
-    columns = np.array([_two_numbers(row) for _, row in rows]).T
-    columns *= np.array(factors)[:, None]
-    times, voltages = columns if names[0] == "time" else columns[::-1]
+    rows, columns = _two_columns(path, (("time", "voltage"),), 2, scales)[1:]
+    times = columns[0]
     starts = np.arange(times.size) == 0
-    for rule, broken in (
+    _refuse(
+        rows,
         ("must be two finite numbers", ~np.isfinite(columns).all(axis=0)),
         ("time must start at 0", starts & (times != 0.0)),
         ("time must increase", ~starts & (times <= np.roll(times, 1))),
-    ):
+    )
+    return columns.tobytes()
+
+
+def read_curve(path: str) -> bytes:
+    """Stretches, then f(λ), as float64, from stretches and either pressures p = f/λ² or stresses f/2."""
+    name, rows, columns = _two_columns(path, (("stretch", "pressure"), ("stretch", "stress")), 6, None)
+    stretches, values = columns
+    starts = np.arange(stretches.size) == 0
+    _refuse(
+        rows,
+        ("must be two finite numbers", ~np.isfinite(columns).all(axis=0)),
+        ("stretch must start at 1", starts & (stretches != 1.0)),
+        ("stretch must increase", ~starts & (stretches <= np.roll(stretches, 1))),
+        (f"{name} must be 0 at stretch 1", starts & (values != 0.0)),
+        (f"{name} must be > 0 beyond stretch 1", ~starts & ~(values > 0.0)),
+    )
+    factor = stretches**2 if name == "pressure" else 2.0
+    return np.array([stretches, values * factor]).tobytes()
+
+
+_Row = tuple[int, str]
+
+
+def _two_columns(
+    path: str, headers: tuple[tuple[str, str], ...], fewest: int, scales: Scales | None
+) -> tuple[str, list[_Row], NDArray[np.float64]]:
+    """Name of the second column, numbered rows as text, and (2, n) numbers in the order of the names."""
+    # Two numbers a row need no csv module, and 1e5 rows are read in half the time without it.
+    rows = [(number, row) for number, row in enumerate(_read_text(path).splitlines(), start=1) if row.strip()]
+    header = [cell.strip(' "') for cell in rows[0][1].split(",")] if rows else []
+    cells = [_COLUMN.fullmatch(cell) for cell in header]
+    titles = [cell[1] if cell else "" for cell in cells]
+    names = next((names for names in headers if sorted(titles) == sorted(names)), None)
+    if names is None:
+        found = f"has {short(rows[0][1])}" if rows else "is empty"
+        or_units = " or, with units, time [s],voltage [kV]" if scales else ""
+        raise ValueError(f"must have the header {' or '.join(map(','.join, headers))}{or_units}, {found}")
+    factors = [_factor(cell[1], cell[2], scales) for cell in cells if cell]
+    if len(rows := rows[1:]) < fewest:
+        count = {2: "two", 6: "six"}[fewest]
+        raise ValueError(f"must have at least {count} rows below the header, has {len(rows)}")
+    columns = np.array([_two_numbers(row) for _, row in rows]).T
+    columns *= np.array(factors)[:, None]
+    return names[1], rows, np.array(columns if titles[0] == names[0] else columns[::-1])
+
+
+def _refuse(rows: list[_Row], *rules: tuple[str, Any]) -> None:
+    """Raise for the first row that breaks the first rule that is broken."""
+    for rule, broken in rules:
         if broken.any():
             number, row = rows[int(broken.argmax())]
             raise ValueError(f"row {number}: {rule}, is {short(row.strip())}")
-    return np.array([times, voltages]).tobytes()
 
 
 def _two_numbers(row: str) -> tuple[float, float]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any, Literal
 
@@ -23,6 +22,7 @@ from simulator.scenario.fields import (
     Pressure,
     Time,
     Voltage,
+    absolute,
     by_name,
     not_empty,
     refused,
@@ -237,17 +237,13 @@ class Triangle(Frozen):
     until: OptionalUntil = None
 
 
-def _absolute(path: str, info: ValidationInfo) -> str:
-    return os.path.abspath(os.path.join((info.context or {}).get("folder", ""), path))
-
-
 class Table(Frozen):
     """Voltage of all electrodes from a CSV file, linear between its rows.
 
     The file is read once, when the scenario is loaded; `table` is its absolute path from then on.
     """
 
-    table: Annotated[str, AfterValidator(_absolute)] = Field(
+    table: Annotated[str, AfterValidator(absolute)] = Field(
         strict=True, min_length=1, description="the path of a CSV file with columns time,voltage"
     )
     valve: Valve = "closed"

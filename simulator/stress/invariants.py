@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.elastomer import Gent, NeoHookean
+from simulator.elastomer import as_written
 from simulator.exact import Balloon
 from simulator.history import Outcome
 from simulator.scenario import Inflate, load_scenario
@@ -43,8 +43,7 @@ class Gas:
         """That of a history, sealed as it is in a row."""
         found = []
         for written in history.scenario.balloons:
-            law = written.elastomer
-            elastomer = Gent(law.J_lim) if law.model == "gent" else NeoHookean()
+            elastomer = as_written(written.elastomer)
             ratios = (written.radius, written.thickness, written.modulus, written.permittivity)
             found.append(Balloon(elastomer, *ratios))
         ambient = history.scenario.gas.ambient_pressure
