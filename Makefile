@@ -37,7 +37,7 @@ check: $(INSTALLED)
 
 bench: $(INSTALLED)
 	$(BIN)/python -m pytest benchmarks --benchmark-only
-	$(BIN)/python -m pytest benchmarks -k memory
+	$(BIN)/python -m pytest benchmarks -k "memory or reach or cpu" -s
 
 fuzz: $(INSTALLED)
 	$(BIN)/python -m tests.fuzz $(N) --seed $(SEED) --keep results/fuzz --report docs/fuzz.json

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Annotated, BinaryIO, NoReturn
 
 import typer
 
+from simulator import cli_sweep
 from simulator.terminal import progress_bar, summarise_fold, summarise_run, summarise_trace
 
 if TYPE_CHECKING:
@@ -35,6 +36,8 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+
+cli_sweep.register(app)
 
 ScenarioArgument = Annotated[
     Path, typer.Argument(metavar="SCENARIO", help="Scenario file (TOML).", show_default=False)
@@ -70,10 +73,13 @@ def run(
         typer.Option(metavar="DIR", help="Where the results go.", show_default="results/<SCENARIO's stem>"),
     ] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Also draw history.png.")] = False,
+    sensitivities: Annotated[
+        bool, typer.Option("--sensitivities", help="Also how each limit point moves with each number.")
+    ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> None:
     """Play a scenario; write history.csv, events.csv and run.json, and say what happened."""
-    from simulator.export import RUN_FILES
+    from simulator.export import RUN_FILES, SENSITIVITIES_FILE, write_sensitivities
     from simulator.files import OutputError, check_writable
     from simulator.scenario import ScenarioError, load_scenario
 
@@ -81,7 +87,7 @@ def run(
     names = (*RUN_FILES, "history.png") if plot else RUN_FILES
     try:
         loaded = load_scenario(scenario)
-        check_writable(directory, names)
+        check_writable(directory, (*names, SENSITIVITIES_FILE) if sensitivities else names)
 
         from simulator.simulation import SolverError, simulate
 
@@ -91,6 +97,13 @@ def run(
         except SolverError as error:
             _keep_partial(error, error.history, directory, plot=plot)
         paths = _write(history, directory, plot=plot)
+        if sensitivities:
+            from simulator.sensitivity import all_sensitivities
+
+            try:
+                paths += write_sensitivities(all_sensitivities(history), directory)
+            except ArithmeticError as error:
+                _fail(f"{error}; the history is in {directory}, without sensitivities", 3)
     except (ScenarioError, OutputError) as error:
         _fail(str(error), 2)
     except KeyboardInterrupt:

@@ -31,12 +31,14 @@ if TYPE_CHECKING:
 
     from simulator.curve import Curve, FoldCurve, SpecialPoint
     from simulator.history import Event, FloatArray, History
+    from simulator.sensitivity import Sensitivity
 
 Columns = dict[str, NDArray[Any]]
 
 RUN_FILES = ("history.csv", "events.csv", "run.json")
 TRACE_FILES = ("curve.csv", "points.csv")
 FOLD_FILE = "fold.csv"
+SENSITIVITIES_FILE = "sensitivities.csv"
 
 _ROWS_AT_ONCE = 8192
 
@@ -362,6 +364,19 @@ def write_fold(curve: FoldCurve, directory: str | os.PathLike[str]) -> list[Path
         If the directory cannot be made or written to.
     """
     return write_files(directory, {FOLD_FILE: partial(_write_csv, fold_columns(curve))})
+
+
+def write_sensitivities(found: Sequence[Sensitivity], directory: str | os.PathLike[str]) -> list[Path]:
+    """Write `sensitivities.csv` into a directory, created if need be; numbers as in `write_run`.
+
+    Raises
+    ------
+    OutputError
+        If the directory cannot be made or written to.
+    """
+    names = ("time", "step", "of", "value", "key", "parameter", "derivative")
+    columns = {name: np.array([getattr(one, name) for one in found]) for name in names}
+    return write_files(directory, {SENSITIVITIES_FILE: partial(_write_csv, columns)})
 
 
 def _joined(curves: Sequence[Curve], parts: Sequence[Columns]) -> Columns:

@@ -317,7 +317,7 @@ def test_balloons_run_imports_exactly_what_it_needs(tmp_path):
     )
     loaded = set(done.stderr.split())
     rooms = {name.split(".")[1] for name in loaded if name.startswith("simulator.")}
-    assert rooms == ROOMS | {"cli", "terminal", "export", "files"}
+    assert rooms == ROOMS | {"cli", "cli_sweep", "terminal", "export", "files"}
     assert not {"matplotlib", "scipy_dae", "mpmath"} & loaded
 
 

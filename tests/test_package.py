@@ -39,8 +39,11 @@ def test_distribution_names_command_licence_and_python():
 
 def test_every_requirement_has_a_lower_bound():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    for requirement in [*project["dependencies"], *project["optional-dependencies"]["dev"]]:
+    extras = project["optional-dependencies"]
+    for requirement in [*project["dependencies"], *(one for extra in extras.values() for one in extra)]:
         assert re.fullmatch(r"[a-z-]+>=[0-9.]+", requirement)
+    # Tests need what every extra brings.
+    assert {*extras["sweep"], *extras["dask"]} <= {*extras["dev"]}
 
 
 @pytest.mark.parametrize("name", simulator.__all__)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from simulator import ScenarioError, explain, load_scenario, simulate
+from simulator.sensitivity import all_sensitivities, sensitivities
 from simulator.terminal import summarise_run
 
 GENT = {"model": "gent", "J_lim": 100}
@@ -208,3 +209,35 @@ def test_a_film_breaks_under_a_power_law_in_real_time():
     history = run(weak)
     assert history.outcome == "breakdown"
     assert history.field[-1, 0] == pytest.approx(0.3 * history.stretch[-1, 0] ** 1.13, rel=1e-7)
+
+
+def test_no_sensitivity_is_told_where_voltages_follow_a_curve_or_an_until():
+    low = {"ambient_pressure": 0.015}
+    wave = {"sine": {"period": 4, "cycles": 1, "a": {"mean": 0.2, "amplitude": 0.3}}}
+    ended = {"ramp": 0.1, "until": {"field": 0.08}}
+    straight = two({"ramp": 0.5}, gas=low)
+    curve, after = two(wave, gas=low), two(ended, {"ramp": 0.5}, gas=low)
+    for written in (straight, curve, after):
+        written["step"][0] = {"inflate": 1.2}
+    plain, along, late = (run(written) for written in (straight, curve, after))
+    assert all_sensitivities(plain)
+    for history, reason in ((along, "of sines by name"), (late, "an until before it")):
+        event = next(event for event in history.events if event.kind == "limit_point")
+        assert all_sensitivities(history) == ()
+        with pytest.raises(ValueError, match=reason):
+            sensitivities(history, event)
+
+
+def test_sensitivity_on_a_leg_of_triangles_by_name_is_that_of_a_ramp_along_it():
+    low = {"ambient_pressure": 0.015}
+    wave = {"triangle": {"period": 4, "cycles": 0.5, "a": {"low": 0.0, "high": 0.5}}}
+    ramp, triangle = two({"ramp": 0.5}, gas=low), two(wave, gas=low)
+    for written in (ramp, triangle):
+        written["step"][0] = {"inflate": 1.2}
+    one, other = (
+        {s.key: s.derivative for s in all_sensitivities(run(written)) if s.of == "voltage_a"}
+        for written in (ramp, triangle)
+    )
+    shared = [key for key in one if key.startswith(("gas.", "balloon."))]
+    assert shared
+    assert [other[key] for key in shared] == pytest.approx([one[key] for key in shared], rel=1e-6)

@@ -1,0 +1,271 @@
+"""The best run of a scenario over some of its numbers, under conditions: thin, on SciPy.
+
+The grammar is that of a sweep, with intervals to search, a column to make large or small, and conditions
+on columns. Runs snap, so what is optimised jumps; differential evolution does not mind. Each point is
+played once, though the conditions and the objective both ask for it.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, ValidationError, ValidationInfo
+
+from simulator.files import write_files
+from simulator.keys import near
+from simulator.scenario import Problem, ScenarioError
+from simulator.scenario.fields import Chosen, Float, Frozen, Int, refused
+from simulator.scenario.reading import read_toml
+from simulator.sweep.plan import Sweep
+from simulator.sweep.reading import read_sweep
+from simulator.sweep.rows import as_text, columns, play
+
+FloatArray = NDArray[np.float64]
+
+OPTIMUM_FILES = ("optimum.csv", "evaluations.csv")
+
+
+class Bounds(Frozen):
+    """A number's limits, both allowed."""
+
+    below: Annotated[Float | None, Field(description="a number")] = None
+    above: Annotated[Float | None, Field(description="a number")] = None
+
+
+def _condition(value: Any, _: ValidationInfo) -> Bounds | tuple[str, ...]:
+    if isinstance(value, Mapping):
+        found = Bounds.model_validate(value)
+        if found.below is None and found.above is None:
+            raise refused("must have below or above", dict(value))
+        return found
+    words = [value] if isinstance(value, str) else value
+    if not isinstance(words, list | tuple) or not words or not all(isinstance(word, str) for word in words):
+        raise refused("must be { below = … }, { above = … }, or one or more words", value)
+    return tuple(words)
+
+
+Condition = Annotated[Bounds | tuple[str, ...], Chosen(_condition), Field(description="a condition")]
+
+
+class SearchTable(Frozen):
+    """How long is searched: `population` points for each key and generation, at most `generations`."""
+
+    population: Annotated[Int, Field(ge=2, le=1000, description="a whole number from 2 to 1000")] = 15
+    generations: Annotated[Int, Field(ge=1, le=100_000, description="a whole number from 1 to 100000")] = 60
+    tolerance: Annotated[Float, Field(gt=0, description="a number > 0")] = 1e-6
+    seed: Annotated[Int, Field(ge=0, description="a whole number >= 0")] = 0
+
+
+class OptimumTable(Frozen):
+    """What the file says beyond a sweep."""
+
+    maximize: Annotated[str | None, Field(strict=True, description="a column of numbers")] = None
+    minimize: Annotated[str | None, Field(strict=True, description="a column of numbers")] = None
+    where: Annotated[
+        dict[str, Condition], Field(default_factory=dict, description="a table of conditions by column")
+    ]
+    search: Annotated[
+        SearchTable, Field(description="a table of population, generations, tolerance, seed")
+    ] = SearchTable()
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is to be optimised, as returned by `read_question`: a sweep over intervals, and what to look for.
+
+    `sense` is −1 to make `column` large, +1 to make it small.
+    """
+
+    sweep: Sweep
+    column: str
+    sense: float
+    where: Mapping[str, Bounds | tuple[str, ...]]
+    search: SearchTable
+
+
+@dataclass
+class _Runs:
+    """The runs played, each once, by their place in the unit cube of the (scaled) intervals."""
+
+    question: Question
+    progress: Callable[[int], None] | None
+    rows: dict[tuple[float, ...], dict[str, Any]] = field(default_factory=dict)
+
+    def at(self, place: FloatArray) -> dict[str, Any]:
+        key = tuple(place.tolist())
+        if key not in self.rows:
+            job = self.question.sweep.job
+            values = []
+            for axis, share in zip(job.axes, key, strict=True):
+                low, high = (float(value) for value in axis.values)
+                if axis.log:
+                    values.append(math.exp(math.log(low) + share * (math.log(high) - math.log(low))))
+                else:
+                    values.append(low + share * (high - low))
+            self.rows[key] = play(job, len(self.rows), values)
+            if self.progress:
+                self.progress(len(self.rows))
+        return self.rows[key]
+
+    def objective(self, place: FloatArray) -> float:
+        value = float(self.at(place).get(self.question.column, math.nan))
+        return math.inf if math.isnan(value) else self.question.sense * value
+
+    def margins(self, place: FloatArray) -> FloatArray:
+        """How far each condition is fulfilled: none below 0 where all are."""
+        return np.array(self._margins(self.at(place)))
+
+    def _margins(self, row: Mapping[str, Any]) -> list[float]:
+        out = [0.0 if _number(row, self.question.column) is not None else -1.0]
+        for column, condition in self.question.where.items():
+            if isinstance(condition, tuple):
+                out.append(0.0 if row.get(column) in condition else -1.0)
+                continue
+            value = _number(row, column)
+            for limit, sign in ((condition.below, 1.0), (condition.above, -1.0)):
+                if limit is not None:
+                    out.append(-1e9 if value is None else sign * (limit - value))
+        return out
+
+    def feasible(self) -> list[dict[str, Any]]:
+        return [row for row in self.rows.values() if min(self._margins(row)) >= 0.0]
+
+
+def _number(row: Mapping[str, Any], column: str) -> float | None:
+    value = row.get(column)
+    return None if value is None or not math.isfinite(value) else float(value)
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """The best run found.
+
+    Attributes
+    ----------
+    row : mapping
+        By column, as in a sweep; None where no run met the conditions.
+    value : float
+        Of the column that was optimised.
+    runs : tuple of mapping
+        All runs played, in order.
+    converged : bool
+        Whether the population had contracted to the tolerance before the generations were used up.
+    """
+
+    question: Question
+    row: Mapping[str, Any] | None
+    value: float
+    runs: tuple[Mapping[str, Any], ...]
+    converged: bool
+
+    def to_csv(self, directory: str | os.PathLike[str]) -> list[Path]:
+        """Write `optimum.csv`, the best run, and `evaluations.csv`, all; return their paths."""
+        names = list(columns(self.question.sweep.job))
+
+        def write(rows: list[Mapping[str, Any]], stream: Any) -> None:
+            stream.write((",".join(names) + "\n" + as_text([r.get(n) for n in names] for r in rows)).encode())
+
+        tables: list[list[Mapping[str, Any]]] = [[] if self.row is None else [self.row], list(self.runs)]
+        return write_files(
+            directory, {n: partial(write, t) for n, t in zip(OPTIMUM_FILES, tables, strict=True)}
+        )
+
+
+def read_question(source: str | os.PathLike[str] | Mapping[str, Any]) -> Question:
+    """Read and check what is to be optimised.
+
+    Parameters
+    ----------
+    source : path or mapping
+        A TOML file, or its content as a mapping; paths in it as for `read_sweep`.
+
+    Raises
+    ------
+    ScenarioError
+        With every problem found: file, key, value and what is allowed.
+    """
+    if isinstance(source, Mapping):
+        file, data = "<dict>", dict(source)
+    else:
+        file = os.fspath(source)
+        try:
+            data = read_toml(file)
+        except ValueError as error:
+            raise ScenarioError(file, Problem("", None, str(error))) from None
+    own = {key: data.pop(key) for key in OptimumTable.model_fields if key in data}
+    try:
+        read = OptimumTable.model_validate(own)
+    except ValidationError as error:
+        problems = [Problem(".".join(map(str, e["loc"])), e["input"], e["msg"]) for e in error.errors()]
+        raise ScenarioError(file, *problems) from None
+    if "sample" in data:
+        raise ScenarioError(
+            file, Problem("sample", data["sample"], "does not go with an optimum; see search")
+        )
+    # Intervals, as for a sample; of a sweep's own words nothing else changes.
+    sweep = read_sweep({**data, "sample": {"method": "random", "size": 1}}, file=file)
+    kinds = columns(sweep.job)
+    numbers = {name: 0.0 for name, kind in kinds.items() if kind in ("number", "whole")}
+    asked = {"maximize": read.maximize, "minimize": read.minimize}
+    found = {word: name for word, name in asked.items() if name is not None}
+    wrong = [
+        Problem(word, name, f"must be a column of numbers; {near(name, numbers)}")
+        for word, name in found.items()
+        if name not in numbers
+    ]
+    if len(found) != 1:
+        wrong.append(Problem("maximize", None, "must be given, or minimize, and not both"))
+    for name, condition in read.where.items():
+        there = (
+            numbers if isinstance(condition, Bounds) else {n: 0.0 for n, k in kinds.items() if k == "text"}
+        )
+        if name not in there:
+            kind = "numbers" if isinstance(condition, Bounds) else "words"
+            wrong.append(Problem(f"where.{name}", None, f"must be a column of {kind}; {near(name, there)}"))
+    if wrong:
+        raise ScenarioError(file, *wrong)
+    ((word, column),) = found.items()
+    return Question(sweep, column, -1.0 if word == "maximize" else 1.0, read.where, read.search)
+
+
+def optimize(question: Question, *, progress: Callable[[int], None] | None = None) -> Optimum:
+    """Find the run that makes a column largest or smallest under the conditions.
+
+    By `scipy.optimize.differential_evolution` over the intervals: a search of the whole box that needs no
+    derivatives. The same seed gives the same answer. It does not prove that there is no better one.
+
+    Parameters
+    ----------
+    question : Question
+        From `read_question`.
+    progress : callable, optional
+        Called with the number of runs played, after each.
+    """
+    from scipy.optimize import NonlinearConstraint, differential_evolution
+
+    runs = _Runs(question, progress)
+    search = question.search
+    answer = differential_evolution(
+        runs.objective,
+        [(0.0, 1.0)] * len(question.sweep.axes),
+        constraints=NonlinearConstraint(runs.margins, 0.0, np.inf),
+        popsize=search.population,
+        maxiter=search.generations,
+        tol=search.tolerance,
+        atol=0.0,
+        seed=np.random.default_rng(search.seed),
+        polish=False,
+        init="sobol",
+    )
+    found = runs.feasible()
+    best = min(found, key=lambda row: question.sense * row[question.column], default=None)
+    value = math.nan if best is None else float(best[question.column])
+    return Optimum(question, best, value, tuple(runs.rows.values()), bool(answer.success))

@@ -1,0 +1,179 @@
+"""Which rows of a sweep a map shows, and which curves go on top of it."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.keys import near
+from simulator.sweep.loading import load_table
+from simulator.sweep.storage import read_record
+
+
+class PickError(ValueError):
+    """A map that the sweep cannot give; the message names the option, its value and what is allowed."""
+
+
+@dataclass(frozen=True)
+class Picked:
+    """The rows of a map, and which of its axes are logarithmic."""
+
+    title: str
+    columns: Mapping[str, NDArray[Any]]
+    log: frozenset[str]
+
+
+@dataclass(frozen=True)
+class FoldLine:
+    """A curve of `fold.csv` in the coordinates of a map; `panel` is the value of the third key, if given."""
+
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    label: str
+    panel: float | None
+
+
+def pick(
+    directory: Path,
+    x: str,
+    y: str,
+    color: str,
+    panels: str | None = None,
+    at: Sequence[tuple[str, str]] = (),
+) -> Picked:
+    """The rows of a sweep for a map of `color` over `x` and `y`.
+
+    Parameters
+    ----------
+    directory : Path
+    x, y, color, panels : str
+        Columns; on a grid all but `color` are keys that are varied.
+    at : sequence of (key, value)
+        Keys of a grid that are held at one of their values.
+
+    Raises
+    ------
+    PickError
+        If there is no such column or value, or a key of a grid is neither shown nor held.
+    OutputError
+        If there is no sweep in the directory.
+    """
+    record = read_record(directory)
+    kinds: dict[str, str] = record["columns"]
+    wanted = {"--x": x, "--y": y, "--color": color, **({"--panels": panels} if panels else {})}
+    for option, name in wanted.items():
+        if name not in kinds:
+            raise PickError(
+                f"{option} {name}: no such column in {directory}; {near(name, dict.fromkeys(kinds, 0))}"
+            )
+        if option in ("--x", "--y") and kinds[name] not in ("number", "whole"):
+            raise PickError(f"{option} {name}: must be a column of numbers, holds {kinds[name]}")
+    table = load_table(directory)
+    grid: dict[str, list[Any]] | None = record["grid"]
+    if grid is not None:
+        for option, name in wanted.items():
+            if option != "--color" and name not in grid:
+                raise PickError(f"{option} {name}: must be varied on the grid, which has {', '.join(grid)}")
+        for key, text in at:
+            held = _value_of(key, text, grid)
+            table = table[table[key] == held]
+        left = [k for k, v in grid.items() if len(v) > 1 and k not in wanted.values() and k not in dict(at)]
+        if left:
+            raise PickError(
+                f"--at: {left[0]} has {len(grid[left[0]])} values; choose one with --at {left[0]}=VALUE, "
+                f"or show all with --panels {left[0]}"
+            )
+    elif at:
+        raise PickError(f"--at {at[0][0]}: goes with a grid, {directory} holds samples")
+    names = dict.fromkeys(wanted.values())
+    vary = record["definition"]["vary"]
+    return Picked(
+        record["title"],
+        {name: table[name].to_numpy() for name in names},
+        frozenset(name for name in (x, y) if _is_log(vary.get(name))),
+    )
+
+
+def _value_of(key: str, text: str, grid: Mapping[str, list[Any]]) -> Any:
+    if key not in grid:
+        raise PickError(f"--at {key}: must be varied on the grid, which has {', '.join(grid)}")
+    for value in grid[key]:
+        try:
+            if value == text or (isinstance(value, float) and np.isclose(float(text), value, rtol=1e-9)):
+                return value
+        except ValueError:
+            break
+    some = ", ".join(f"{value}" for value in grid[key][:8])
+    raise PickError(f"--at {key}={text}: must be one of {some}{', …' if len(grid[key]) > 8 else ''}")
+
+
+def _is_log(axis: Any) -> bool:
+    """Whether a key's values are spaced in the logarithm."""
+    if isinstance(axis, dict):
+        return bool(axis["spacing"] == "log")
+    values = [v for v in axis or [] if isinstance(v, float)]
+    if len(values) < 3 or min(values) <= 0.0:
+        return False
+    return bool(np.ptp(np.diff(np.log(values))) < 1e-6)
+
+
+def fold_line(text: str, x: str, y: str) -> FoldLine:
+    """A curve of `balloons fold` over a map.
+
+    Parameters
+    ----------
+    text : str
+        Path of a `fold.csv`, with `VALUE=` in front where it belongs to one panel only.
+    x, y : str
+        The map's keys: one is the key that was varied, the other what drives: a voltage or the inflation.
+
+    Raises
+    ------
+    PickError
+        If the file is no such table, or of other keys.
+    """
+    found = re.fullmatch(r"([-+.\deE]+)=(.+)", text)
+    panel, path = (float(found[1]), Path(found[2])) if found else (None, Path(text))
+    try:
+        with open(path, newline="", encoding="utf-8") as stream:
+            header, *rows = csv.reader(stream)
+        columns = dict(zip(header, np.array(rows, dtype=np.float64).T, strict=True))
+        voltage, pressure = columns["voltage"], columns["pressure"]
+    except OSError as error:
+        raise PickError(f"--fold {path}: cannot be read, {(error.strerror or str(error)).lower()}") from None
+    except (ValueError, KeyError, csv.Error):
+        raise PickError(f"--fold {path}: must be a fold.csv as `balloons fold` writes it") from None
+    varied = header[0]
+    drive = pressure if not voltage.any() else voltage
+    kind = "inflate" if not voltage.any() else "ramp|jump"
+    other = {x: y, y: x}.get(varied)
+    if other is None or not re.fullmatch(rf"step\.\d+\.({kind})", other):
+        has = f"{varied} and step.N.{kind.replace('|', ' or step.N.')}"
+        raise PickError(f"--fold {path}: is a curve over {has}, the map is over {x} and {y}")
+    at_x, at_y = (columns[varied], drive) if varied == x else (drive, columns[varied])
+    label = "limit point of the inflation" if not voltage.any() else "limit point"
+    return FoldLine(at_x, at_y, label, panel)
+
+
+def mark(text: str) -> tuple[float, float, str, float | None]:
+    """A point to mark on a map: `X,Y,TEXT`, with `VALUE=` in front where it belongs to one panel only.
+
+    Raises
+    ------
+    PickError
+        If it is no such text.
+    """
+    found = re.fullmatch(r"(?:([^,=]+)=)?([^,]+),([^,]+),(.*)", text)
+    try:
+        if found is None:
+            raise ValueError
+        return float(found[2]), float(found[3]), found[4], float(found[1]) if found[1] else None
+    except ValueError:
+        raise PickError(f"--mark {text}: must be X,Y,TEXT or VALUE=X,Y,TEXT, such as 0.015,1.2,B") from None

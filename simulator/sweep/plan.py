@@ -1,0 +1,171 @@
+"""A sweep as data: the base scenario, what is varied, and the values of every run by its number."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Value = float | str | bool
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One key and the values it takes, or for samples the interval it is drawn from.
+
+    Attributes
+    ----------
+    key : str
+        Dotted key of the scenario.
+    values : tuple
+        Numbers, texts or truth values; of an interval its two ends.
+    unit : str
+        Written behind each number in the scenario; "" for none.
+    log : bool
+        Whether an interval is drawn from evenly in the logarithm.
+    """
+
+    key: str
+    values: tuple[Value, ...]
+    unit: str = ""
+    log: bool = False
+
+    @property
+    def kind(self) -> str:
+        """What the values are: "number", "text" or "truth"."""
+        if any(isinstance(value, str) for value in self.values):
+            return "text"
+        return "truth" if any(isinstance(value, bool) for value in self.values) else "number"
+
+    def written(self, value: Value) -> Value:
+        """A value as it stands in the scenario."""
+        return f"{value!r}{self.unit}" if self.unit else value
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Points drawn from the axes' intervals: `method` sobol, latin-hypercube or random."""
+
+    method: str
+    size: int
+    seed: int
+
+
+@dataclass(frozen=True)
+class Past:
+    """A ramp that goes a factor `times` past the first limit point that it meets, and no further."""
+
+    key: str
+    step: int
+    times: float
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What a row has room for: voltages of so many limit points, and the keys of sensitivities."""
+
+    limit_points: int = 2
+    sensitivities: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Job:
+    """What every run of a sweep shares, and all that a worker needs to know.
+
+    Attributes
+    ----------
+    scenario : mapping
+        The base scenario, tables by absolute path.
+    axes : tuple of Axis
+    past : Past or None
+    recorded : Recorded
+    balloons, electroded : tuple of str
+    version : str
+        Of this package: a worker of another one refuses, its numbers might differ.
+    """
+
+    scenario: Mapping[str, Any]
+    axes: tuple[Axis, ...]
+    past: Past | None
+    recorded: Recorded
+    balloons: tuple[str, ...]
+    electroded: tuple[str, ...]
+    version: str
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A whole sweep, as returned by `read_sweep`.
+
+    Attributes
+    ----------
+    file, title : str
+    job : Job
+    sample : Sample or None
+        None for a grid, the product of the axes, the last one changing fastest.
+    definition : mapping
+        Everything that the rows depend on, in plain values; what a directory of results is compared with.
+    """
+
+    file: str
+    title: str
+    job: Job
+    sample: Sample | None
+    definition: Mapping[str, Any]
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """What is varied, in the order of the file."""
+        return self.job.axes
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of values of each axis of a grid; for samples (size,)."""
+        return (self.sample.size,) if self.sample else tuple(len(axis.values) for axis in self.axes)
+
+    @property
+    def size(self) -> int:
+        """Number of runs."""
+        size = 1
+        for count in self.shape:
+            size *= count
+        return size
+
+    def values(self, start: int, stop: int) -> list[tuple[Value, ...]]:
+        """The values of runs `start` to `stop` − 1, one for each axis."""
+        if self.sample:
+            return [tuple(row) for row in self._points[start:stop].tolist()]
+        places = np.unravel_index(np.arange(start, stop), self.shape)
+        columns = [[axis.values[i] for i in place] for axis, place in zip(self.axes, places, strict=True)]
+        return list(zip(*columns, strict=True))
+
+    @cached_property
+    def _points(self) -> FloatArray:
+        """All sample points, (size, n_axes)."""
+        assert self.sample is not None
+        return drawn(self.sample, self.axes)
+
+
+def drawn(sample: Sample, axes: tuple[Axis, ...]) -> FloatArray:
+    """Sample points in the axes' intervals, (size, n_axes). The same seed gives the same points."""
+    rng = np.random.default_rng(sample.seed)
+    if sample.method == "random":
+        unit = rng.random((sample.size, len(axes)))
+    else:
+        from scipy.stats import qmc
+
+        method = qmc.Sobol if sample.method == "sobol" else qmc.LatinHypercube
+        unit = method(len(axes), seed=rng).random(sample.size)
+    points = np.empty_like(unit)
+    for i, axis in enumerate(axes):
+        low, high = (float(value) for value in axis.values)
+        if axis.log:
+            points[:, i] = np.exp(np.log(low) + unit[:, i] * (np.log(high) - np.log(low)))
+        else:
+            points[:, i] = low + unit[:, i] * (high - low)
+    return points

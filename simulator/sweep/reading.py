@@ -1,0 +1,327 @@
+"""The sweep file, read and checked: `read_sweep` is the only door.
+
+The grammar is that of `docs/sweep.md`. As for a scenario, all problems are reported at once, each with
+file, key, value and what is allowed, in one `ScenarioError`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, ValidationError, ValidationInfo
+
+from simulator import __version__
+from simulator.keys import all_keys, near, physical_keys, quantity, value_at, with_values
+from simulator.scenario import Cycle, Problem, Ramp, Scenario, ScenarioError, load_scenario
+from simulator.scenario.fields import Chosen, Float, Frozen, Int, Text, refused
+from simulator.scenario.reading import read_toml
+from simulator.sweep.plan import Axis, Job, Past, Recorded, Sample, Sweep, Value, drawn
+
+MAX_RUNS = 10_000_000
+
+_FIXED = ("title", "source", "name", "electrodes")
+_CHECKED = 200  # values of an axis that are tried beforehand, its ends among them
+
+
+def _bound(value: Any, _: ValidationInfo) -> tuple[float, str]:
+    found = quantity(value)
+    if found is None or not np.isfinite(found[0]):
+        raise refused('must be a finite number, or a text such as "2 kPa"', value)
+    return found
+
+
+Bound = Annotated[tuple[float, str], Chosen(_bound), Field(description='a number, or a text such as "2 kPa"')]
+
+
+class Range(Frozen):
+    """Values `from` … `to`, both included."""
+
+    start: Annotated[Bound, Field(alias="from", description='a number, or a text such as "2 kPa"')]
+    to: Bound
+    points: Annotated[Int | None, Field(ge=2, description="a whole number >= 2")] = None
+    spacing: Annotated[Literal["linear", "log"], Field(description='"linear" or "log"')] = "linear"
+
+
+def _axis(value: Any, _: ValidationInfo) -> Range | tuple[Value, ...]:
+    if isinstance(value, Mapping):
+        return Range.model_validate(value)
+    if not isinstance(value, list | tuple | np.ndarray):
+        raise refused(
+            "must be a list of values, or a table such as { from = 0.1, to = 1, points = 10 }", value
+        )
+    items = [item.item() if isinstance(item, np.generic) else item for item in value]
+    if not items:
+        raise refused("must have one or more values", items)
+    kinds = {"number" if quantity(i) and not isinstance(i, str) else type(i).__name__ for i in items}
+    if not kinds <= {"number"} and kinds not in ({"str"}, {"bool"}):
+        raise refused("must be all numbers, all texts or all true or false", items)
+    values: tuple[Value, ...] = tuple(float(i) for i in items) if kinds == {"number"} else tuple(items)
+    if not all(np.isfinite(v) for v in values if isinstance(v, float)):
+        raise refused("must be finite numbers", items)
+    if len(set(values)) < len(values):
+        raise refused("must not have a value twice", items)
+    return values
+
+
+Values = Annotated[Range | tuple[Value, ...], Chosen(_axis), Field(description="a list or a table")]
+
+
+class SampleTable(Frozen):
+    """Points drawn from the intervals of `[vary]` instead of their product."""
+
+    method: Annotated[
+        Literal["sobol", "latin-hypercube", "random"],
+        Field(description='"sobol", "latin-hypercube" or "random"'),
+    ]
+    size: Annotated[Int, Field(ge=1, description="a whole number >= 1")]
+    seed: Annotated[Int, Field(ge=0, description="a whole number >= 0")] = 0
+
+
+class PastTable(Frozen):
+    """A ramp to `times` the voltage of the first limit point on it."""
+
+    times: Annotated[Float, Field(gt=1, description="a number > 1")]
+
+
+class RecordTable(Frozen):
+    """What is recorded of each run beyond what always is."""
+
+    limit_points: Annotated[Int, Field(ge=0, le=100, description="a whole number from 0 to 100")] = 2
+    sensitivities: Annotated[
+        bool | tuple[str, ...], Field(description="true, false or a list of keys of the scenario")
+    ] = False
+
+
+class SweepFile(Frozen):
+    """The sweep file as written."""
+
+    title: Annotated[Text | None, Field(description="a non-empty text")] = None
+    scenario: Annotated[str, Field(strict=True, min_length=1, description="the path of a scenario file")]
+    sample: Annotated[SampleTable | None, Field(description="a table of method, size, seed")] = None
+    vary: Annotated[
+        dict[str, Values], Field(min_length=1, description="a table with one or more keys of the scenario")
+    ]
+    past_limit_point: Annotated[
+        dict[str, PastTable] | None,
+        Field(min_length=1, max_length=1, description='one key, such as "step.2.ramp" = { times = 1.001 }'),
+    ] = None
+    record: Annotated[RecordTable, Field(description="a table with limit_points, sensitivities")] = (
+        RecordTable()
+    )
+
+
+def read_sweep(source: str | os.PathLike[str] | Mapping[str, Any], *, file: str | None = None) -> Sweep:
+    """Read and check a sweep, with its base scenario.
+
+    Parameters
+    ----------
+    source : path or mapping
+        A TOML file, or its content as a mapping. The path of the scenario is relative to the folder of
+        the file, for a mapping to the current directory; in a mapping, `scenario` may be a scenario's
+        mapping itself.
+    file : str, optional
+        Of a mapping: the file it was read from, for messages and for the path of the scenario.
+
+    Raises
+    ------
+    ScenarioError
+        With every problem found: file, key, value and what is allowed.
+    """
+    base: Mapping[str, Any] | None = None
+    if isinstance(source, Mapping):
+        folder, data = os.path.dirname(file) if file else "", dict(source)
+        file = file or "<dict>"
+        if isinstance(data.get("scenario"), Mapping):
+            base, data["scenario"] = data["scenario"], "<dict>"
+    else:
+        file, folder = os.fspath(source), os.path.dirname(os.fspath(source))
+        try:
+            data = read_toml(file)
+        except ValueError as error:
+            raise ScenarioError(file, Problem("", None, str(error))) from None
+    try:
+        read = SweepFile.model_validate(data)
+    except ValidationError as error:
+        raise ScenarioError(
+            file, *(Problem(_quoted(e["loc"]), e["input"], e["msg"]) for e in error.errors())
+        ) from None
+    scenario = load_scenario(os.path.join(folder, read.scenario) if base is None else base)
+    axes = tuple(_as_axis(key, values) for key, values in read.vary.items())
+    problems = [*_of_form(read, axes)]
+    problems = problems or [*_of_keys(scenario, read, axes)]
+    if problems:
+        raise ScenarioError(file, *problems)
+    return _sweep(file, read, scenario, axes)
+
+
+def _sweep(file: str, read: SweepFile, scenario: Scenario, axes: tuple[Axis, ...]) -> Sweep:
+    mapping = scenario.to_dict()
+    asked = read.record.sensitivities
+    keys = (physical_keys(scenario) if asked else ()) if isinstance(asked, bool) else asked
+    past = None
+    if read.past_limit_point:
+        ((key, table),) = read.past_limit_point.items()
+        past = Past(key, int(key.split(".")[1]), table.times)
+    sample = Sample(read.sample.method, read.sample.size, read.sample.seed) if read.sample else None
+    job = Job(
+        scenario=mapping,
+        axes=axes,
+        past=past,
+        recorded=Recorded(read.record.limit_points, keys),
+        balloons=tuple(balloon.name for balloon in scenario.balloons),
+        electroded=scenario.electroded,
+        version=__version__,
+    )
+    definition: dict[str, Any] = {
+        **read.model_dump(
+            mode="json", by_alias=True, include={"vary", "sample", "past_limit_point", "record"}
+        ),
+        "scenario": mapping,
+        "version": __version__,
+    }
+    definition["tables"] = {path: _digest(Path(path).read_bytes()) for path in _table_files(job)}
+    if sample:
+        # Another release of SciPy may draw other points from the same seed.
+        definition["points"] = _digest(drawn(sample, axes).tobytes())
+    title = read.title or scenario.title
+    return Sweep(file=file, title=title, job=job, sample=sample, definition=definition)
+
+
+def _as_axis(key: str, values: Range | tuple[Value, ...]) -> Axis:
+    if not isinstance(values, Range):
+        return Axis(key, values)
+    (low, unit), (high, _) = values.start, values.to
+    log = values.spacing == "log"
+    if values.points is None or values.points > MAX_RUNS or (log and min(low, high) <= 0.0):
+        return Axis(key, (low, high), unit, log)
+    spaced = np.geomspace if log else np.linspace
+    return Axis(key, tuple(spaced(low, high, values.points).tolist()), unit, log)
+
+
+def _of_form(read: SweepFile, axes: tuple[Axis, ...]) -> Iterator[Problem]:
+    """What can be said of the sweep without its scenario."""
+    size = 1
+    for axis, (key, values) in zip(axes, read.vary.items(), strict=True):
+        name = _quoted(("vary", key))
+        if not isinstance(values, Range):
+            size *= len(axis.values)
+            if read.sample:
+                yield Problem(
+                    name, list(values), "must be an interval such as { from = 0.1, to = 1 }: drawn from"
+                )
+            continue
+        size *= values.points or 1
+        (low, unit), (high, other) = values.start, values.to
+        if unit != other:
+            yield Problem(
+                f"{name}.to", f"{high!r}{other}", f"must be in the unit of from, {unit.strip() or 'none'}"
+            )
+        if low == high:
+            yield Problem(f"{name}.to", high, "must differ from from")
+        if values.spacing == "log" and min(low, high) <= 0.0:
+            end = "from" if low <= 0.0 else "to"
+            yield Problem(f"{name}.{end}", min(low, high), "must be > 0 with log spacing")
+        if values.points is None and not read.sample:
+            yield Problem(f"{name}.points", None, "is missing, must be a whole number >= 2")
+        if values.points is not None and read.sample:
+            yield Problem(f"{name}.points", values.points, "does not go with sample, which has a size")
+    if read.sample:
+        size = read.sample.size
+        if read.sample.method == "sobol" and size & (size - 1):
+            yield Problem(
+                "sample.size", size, f"must be a power of 2 for sobol, such as {1 << size.bit_length()}"
+            )
+    if size > MAX_RUNS:
+        key, value = ("sample.size", size) if read.sample else ("vary", None)
+        yield Problem(key, value, f"must ask for at most {MAX_RUNS:,} runs, asks for {size:,}")
+
+
+def _of_keys(scenario: Scenario, read: SweepFile, axes: tuple[Axis, ...]) -> Iterator[Problem]:
+    """Keys that are not there, and values that the scenario refuses."""
+    known = all_keys(scenario)
+    mapping = scenario.to_dict()
+    for axis in axes:
+        name = _quoted(("vary", axis.key))
+        if axis.key.rpartition(".")[2] in _FIXED:
+            yield Problem(name, None, "cannot be varied, results have columns by name")
+            continue
+        problem = _refused_value(mapping, axis, known)
+        if problem is not None:
+            value, allowed = problem
+            yield Problem(name, value, allowed)
+    asked = read.record.sensitivities
+    numbers = dict.fromkeys(physical_keys(scenario))
+    for key in () if isinstance(asked, bool) else asked:
+        if key not in numbers:
+            yield Problem("record.sensitivities", key, f"no number of the device; {near(key, numbers)}")
+    for key in read.past_limit_point or {}:
+        yield from _of_past(scenario, key, axes)
+
+
+def _refused_value(
+    mapping: Mapping[str, Any], axis: Axis, known: Mapping[str, Any]
+) -> tuple[Any, str] | None:
+    stride = max(1, len(axis.values) // _CHECKED)
+    for value in (*axis.values[::stride], axis.values[-1]):
+        try:
+            load_scenario(with_values(mapping, {axis.key: axis.written(value)}))
+        except KeyError:
+            return None, f"no such key in the scenario, {near(axis.key, known)}"
+        except ScenarioError as error:
+            if error.allowed.startswith("unknown key"):
+                return None, f"no such key in the scenario, {near(axis.key, known)}"
+            where = "" if error.key.endswith(axis.key.rpartition(".")[2]) else f"makes {error.key} wrong: "
+            return axis.written(value), f"{where}{error.allowed}"
+    return None
+
+
+def _of_past(scenario: Scenario, key: str, axes: tuple[Axis, ...]) -> Iterator[Problem]:
+    name = _quoted(("past_limit_point", key))
+    parts = key.split(".")
+    steps = scenario.steps
+    place = int(parts[1]) - 1 if len(parts) == 3 and parts[1].isdecimal() else -1
+    found = steps[place] if 0 <= place < len(steps) else None
+    if parts[0] != "step" or parts[-1] != "ramp" or not isinstance(found, Ramp):
+        ramps = [f"step.{i}.ramp" for i, step in enumerate(steps, 1) if isinstance(step, Ramp)]
+        yield Problem(name, None, f"must be a ramp of the scenario, {' or '.join(ramps) or 'it has none'}")
+    elif any(isinstance(step, Cycle) for step in steps[:place]):
+        yield Problem(name, None, "must come before any cycle")
+    elif quantity(value_at(scenario.to_dict(), key)) is None:
+        yield Problem(name, None, "must be one number for all electrodes")
+    elif any(axis.key == key for axis in axes):
+        yield Problem(name, None, "is varied, too; it can be one of both")
+
+
+def _table_files(job: Job) -> list[str]:
+    """The tables that any run may read, each once."""
+    found: dict[str, None] = {}
+
+    def search(value: Any) -> None:
+        if isinstance(value, Mapping):
+            if isinstance(table := value.get("table"), str):
+                found.setdefault(os.path.abspath(table))
+            for item in value.values():
+                search(item)
+        elif isinstance(value, list | tuple):
+            for item in value:
+                search(item)
+
+    search(job.scenario)
+    for axis in job.axes:
+        if axis.key.endswith(".table"):
+            found.update(dict.fromkeys(os.path.abspath(str(value)) for value in axis.values))
+    return list(found)
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _quoted(loc: tuple[int | str, ...]) -> str:
+    """A place in the sweep file as one would write it there: keys with dots stand in quotes."""
+    return ".".join(f'"{part}"' if isinstance(part, str) and "." in part else str(part) for part in loc)

@@ -1,0 +1,273 @@
+"""One run of a sweep as one row of numbers, and chunks of rows as text.
+
+What a worker does, and all that it does: no files, no state between runs.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import takewhile
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from simulator import __version__
+from simulator.history import EventKind, Outcome
+from simulator.keys import with_values
+from simulator.scenario import Inflate, ScenarioError, load_scenario
+from simulator.simulation import SolverError, simulate
+from simulator.sweep.plan import Job, Value
+
+if TYPE_CHECKING:
+    from simulator.history import Event, History
+
+_AT_REST = 1e-6  # stretches closer than this are the same state of rest
+
+SENSITIVITY = "d(limit_point_1_{of})/d({key})"
+
+
+@dataclass(frozen=True)
+class Task:
+    """Runs `start` to `start + len(values)` − 1 of a sweep, the values of each by axis."""
+
+    number: int
+    start: int
+    values: tuple[tuple[Value, ...], ...]
+
+
+def columns(job: Job) -> dict[str, str]:
+    """The columns of a sweep's table in order, each with its kind: number, whole, text or truth."""
+    voltages = {
+        f"limit_point_{i}_voltage_{name}": "number"
+        for i in range(1, job.recorded.limit_points + 1)
+        for name in job.electroded
+    }
+    return {
+        "run": "whole",
+        **{axis.key: axis.kind for axis in job.axes},
+        **({job.past.key: "number"} if job.past else {}),
+        "outcome": "text",
+        "behaviour": "text",
+        "limit_points": "whole",
+        **voltages,
+        "branch_points": "whole",
+        "inflation_snaps": "whole",
+        **{f"landing_stretch_{name}": "number" for name in job.balloons},
+        "landing_pressure": "number",
+        **{f"sealed_stretch_{name}": "number" for name in job.balloons},
+        **{f"largest_stretch_{name}": "number" for name in job.balloons},
+        **{f"residual_stretch_{name}": "number" for name in job.balloons},
+        **{f"largest_field_{name}": "number" for name in job.electroded},
+        "loop_work": "number",
+        "dissipated": "number",
+        "energy_imbalance": "number",
+        **{
+            SENSITIVITY.format(of=f"voltage_{name}", key=key): "number"
+            for key in job.recorded.sensitivities
+            for name in job.electroded
+        },
+        "seconds": "number",
+        "error": "text",
+    }
+
+
+def play_chunk(job: Job, task: Task) -> str:
+    """The rows of a task as CSV text without a header; what a worker process is asked for.
+
+    Raises
+    ------
+    RuntimeError
+        If this process has another version of the package than the one that asks.
+    """
+    if job.version != __version__:
+        raise RuntimeError(
+            f"a worker has dielectric-balloons {__version__}, the sweep was started by {job.version}; "
+            "install the same version everywhere"
+        )
+    names = list(columns(job))
+    return as_text(
+        [row.get(name) for name in names]
+        for row in (play(job, task.start + i, values) for i, values in enumerate(task.values))
+    )
+
+
+def as_text(rows: Iterable[Sequence[object]]) -> str:
+    """Rows as CSV: numbers with as many digits as give the same double back, NaN and None empty."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    for row in rows:
+        writer.writerow([_cell(value) for value in row])
+    return stream.getvalue()
+
+
+def _cell(value: object) -> str | int | float:
+    if value is None or value != value:
+        return ""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, np.generic):
+        value = value.item()
+    return value if isinstance(value, int | float) else " ".join(str(value).split())
+
+
+def play(job: Job, index: int, values: Sequence[Value]) -> dict[str, Any]:
+    """One run as a row, by column; what went wrong is in `error`, and what is not known is left out."""
+    started = time.perf_counter()
+    row: dict[str, Any] = {"run": index + 1, **{a.key: v for a, v in zip(job.axes, values, strict=True)}}
+    written = {axis.key: axis.written(value) for axis, value in zip(job.axes, values, strict=True)}
+    try:
+        history = _played(job, with_values(job.scenario, written), row)
+        row |= facts(history, job.recorded.limit_points)
+        if job.recorded.sensitivities:
+            row |= _sensitivities(history, job)  # what they lack is said in `error`; the rest stands
+    except ScenarioError as error:
+        row |= {"outcome": "refused", "behaviour": "refused", "error": str(error).removeprefix("<dict>: ")}
+    except SolverError as error:
+        row |= failure(str(error).removeprefix("<dict>: "))
+    except Exception as error:  # whatever it is, it is this run's alone
+        row |= failure(f"{type(error).__name__}: {error}")
+    row["seconds"] = time.perf_counter() - started
+    return row
+
+
+def failure(message: str) -> dict[str, Any]:
+    """What a row says of a run that gave no history."""
+    return {"outcome": Outcome.FAILED.value, "behaviour": Outcome.FAILED.value, "error": message}
+
+
+def _played(job: Job, mapping: Mapping[str, Any], row: dict[str, Any]) -> History:
+    """The history of a scenario, its ramp cut short past the limit point where that is asked for."""
+    scenario = load_scenario(mapping)
+    past = job.past
+    if past is None:
+        return simulate(scenario)
+    try:
+        whole = simulate(scenario)
+    except SolverError as error:
+        # What fails beyond the limit point need not be gone through.
+        if error.history is None or not _turned(error.history.events, past.step):
+            raise
+        whole = error.history
+    turn = _turned(whole.events, past.step)
+    if turn is None:
+        row[past.key] = float(scenario.steps[past.step - 1].ramp)  # type: ignore[union-attr, arg-type]
+        return whole
+    before = whole.voltage[whole.step < past.step, 0]
+    start = float(before[-1]) if before.size else 0.0
+    row[past.key] = start + past.times * (float(turn.voltage[0]) - start)
+    return simulate(load_scenario(with_values(mapping, {past.key: row[past.key]})))
+
+
+def _turned(events: Sequence[Event], step: int) -> Event | None:
+    """The first limit point of a step, if that is the first thing to happen in it."""
+    first = next((event for event in events if event.step == step), None)
+    return first if first is not None and first.kind is EventKind.LIMIT_POINT else None
+
+
+def facts(history: History, limit_points: int) -> dict[str, Any]:
+    """What a row says of a history."""
+    opening = sum(
+        1 for _ in takewhile(lambda step: isinstance(step, Inflate), history.scenario.played_steps())
+    )
+    inflating = _inflating(history)
+    turns = [e for e in history.events if e.kind is EventKind.LIMIT_POINT and e.step not in inflating]
+    snaps = [e for e in history.snaps if e.step not in inflating and _moved(e)]
+    sealed = int(np.searchsorted(history.step, opening, side="right")) - 1 if opening else 0
+    complete = history.outcome is Outcome.COMPLETED
+    row: dict[str, Any] = {
+        "outcome": history.outcome.value,
+        "behaviour": behaviour(history, snaps, sealed),
+        "limit_points": len(turns),
+        "branch_points": sum(
+            e.kind is EventKind.BRANCH_POINT and e.step not in inflating for e in history.events
+        ),
+        "inflation_snaps": sum(e.step in inflating for e in history.snaps),
+        "dissipated": history.energy_balance.dissipated,
+        "energy_imbalance": history.energy_balance.relative_imbalance,
+    }
+    for i, turn in enumerate(turns[:limit_points], start=1):
+        row |= {
+            f"limit_point_{i}_voltage_{n}": v for n, v in zip(history.electroded, turn.voltage, strict=True)
+        }
+    if snaps:
+        landed = snaps[0]
+        assert landed.stretch_after is not None
+        row |= _named("landing_stretch", history.balloons, landed.stretch_after)
+        row["landing_pressure"] = landed.pressure_after
+    row |= _named("sealed_stretch", history.balloons, history.stretch[sealed])
+    row |= _named("largest_stretch", history.balloons, history.stretch.max(axis=0))
+    if complete:
+        row["loop_work"] = history.energy_balance.electrical_work
+        row |= _named("residual_stretch", history.balloons, history.stretch[-1])
+    return row | _named("largest_field", history.electroded, np.abs(history.field).max(axis=0))
+
+
+def _inflating(history: History) -> set[int]:
+    """The steps with events in which the pressure is what moves."""
+    wanted = {event.step for event in history.events}
+    last = max(wanted, default=0)
+    steps = zip(range(1, last + 1), history.scenario.played_steps(), strict=False)
+    return {number for number, step in steps if number in wanted and isinstance(step, Inflate)}
+
+
+def _moved(event: Event) -> bool:
+    after = event.stretch_after
+    return after is not None and float(np.abs(after - event.stretch_before).max()) > _AT_REST
+
+
+def _named(quantity: str, names: Sequence[str], values: Iterable[float]) -> dict[str, float]:
+    return {f"{quantity}_{name}": value for name, value in zip(names, values, strict=True)}
+
+
+def behaviour(history: History, snaps: Sequence[Event], sealed: int) -> str:
+    """What a history amounts to, in one word.
+
+    Parameters
+    ----------
+    history : History
+    snaps : sequence of Event
+        Voltage-driven snaps with a landing.
+    sealed : int
+        The sample at which the gas was sealed for the first time.
+
+    Returns
+    -------
+    str
+        "continuous" (no snap); "snap_returns", "snap_stays" (back in the sealed state at the end, or not),
+        "snap" where voltage is left at the end; or the outcome, as "snap_to_…" where a snap ended so
+        before it landed, as "snap_then_…" where it ended so later.
+    """
+    if history.outcome is Outcome.COMPLETED:
+        if not snaps:
+            return "continuous"
+        if np.any(history.voltage[-1] != 0.0):
+            return "snap"
+        back = np.abs(history.stretch[-1] - history.stretch[sealed]).max() < _AT_REST
+        return "snap_returns" if back else "snap_stays"
+    end = history.outcome.value
+    before = history.events[-2] if len(history.events) > 1 else None
+    inflated = isinstance(_played_step(history, history.events[-1].step), Inflate)
+    at_once = before is not None and before.time == history.events[-1].time and not inflated
+    if at_once and before is not None and before.kind in (EventKind.LIMIT_POINT, EventKind.BRANCH_POINT):
+        return f"snap_to_{end}"
+    return f"snap_then_{end}" if snaps else end
+
+
+def _played_step(history: History, number: int) -> object:
+    return next(step for i, step in enumerate(history.scenario.played_steps(), start=1) if i == number)
+
+
+def _sensitivities(history: History, job: Job) -> dict[str, Any]:
+    from simulator.sensitivity import sensitivities
+
+    inflating = _inflating(history)
+    turns = [e for e in history.events if e.kind is EventKind.LIMIT_POINT and e.step not in inflating]
+    try:
+        found = sensitivities(history, turns[0], job.recorded.sensitivities) if turns else ()
+    except (ArithmeticError, ScenarioError) as error:
+        return {"error": f"no sensitivities: {error}"}
+    return {SENSITIVITY.format(of=one.of, key=one.key): one.derivative for one in found}

@@ -1,0 +1,186 @@
+"""Maps of sweeps: which cells and curves they show, and what they cannot."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from simulator.fold import fold
+from simulator.history import EventKind, Outcome
+from simulator.plot.map import BEHAVIOURS, MapCurve, MapMark, plot_map
+from simulator.sweep import read_sweep, run_sweep
+from simulator.sweep.picking import PickError, fold_line, mark, pick
+from tests.pairs import pair
+from tests.sweeps import CHEAP, Here, balloons
+
+STATE_B = pair(1.2, {"ramp": 0.4}, {"ramp": 0.0}, ambient=0.015, output={"points": 3}).to_dict()
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory):
+    """A grid over ambient pressure, voltage and radius of the passive balloon."""
+    directory = tmp_path_factory.mktemp("swept")
+    vary = {
+        "gas.ambient_pressure": {"from": 0.015, "to": 0.12, "points": 4, "spacing": "log"},
+        "step.2.ramp": [0.34, 0.36, 0.38, 0.4],
+        "balloon.passive.radius": [1.0, 2.0],
+    }
+    run_sweep(read_sweep({"scenario": STATE_B, "vary": vary}), directory, executor=Here())
+    return directory
+
+
+X, Y, Z = "gas.ambient_pressure", "step.2.ramp", "balloon.passive.radius"
+
+
+@pytest.fixture(scope="module")
+def folded(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("folded")
+    fold(pair(1.2, {"ramp": 0.4}, ambient=0.015), X, 0.2).to_csv(directory)
+    return directory / "fold.csv"
+
+
+def test_the_fold_is_the_border_of_the_snaps(swept, folded):
+    """Two computations that know nothing of each other: cells snap exactly where they lie above the curve."""
+    picked = pick(swept, X, Y, "limit_points", at=[(Z, "1")])
+    line = fold_line(str(folded), X, Y)
+    border = np.interp(picked.columns[X], line.x, line.y)
+    snapped = picked.columns["limit_points"] > 0
+    assert snapped.tolist() == (picked.columns[Y] > border).tolist()
+    assert 0 < snapped.sum() < snapped.size
+    assert picked.log == {X}
+
+
+def test_cells_stand_where_their_values_are(swept):
+    picked = pick(swept, X, Y, "residual_stretch_active", Z)
+    figure = plot_map(
+        picked.columns, X, Y, "residual_stretch_active", panels=Z, log=picked.log, title="a $5 map"
+    )
+    first, second, bar = figure.axes
+    assert (first.get_title(), second.get_title()) == ("radius of passive = 1", "radius of passive = 2")
+    assert first.get_xscale() == "log"
+    assert bar.get_ylabel() == "residual stretch active"
+    cells = np.ma.getdata(first.collections[0].get_array()).reshape(4, 4)
+    chosen = picked.columns[Z] == 1.0
+    table = picked.columns["residual_stretch_active"][chosen].reshape(4, 4)  # the voltage changes faster
+    assert np.array_equal(cells, table.T, equal_nan=True)
+    centres = np.sqrt(np.prod(first.collections[0].get_coordinates()[0, [0, 1], 0]))
+    assert centres == pytest.approx(0.015)
+
+
+def test_categories_have_their_colours_and_words(swept, folded):
+    picked = pick(swept, X, Y, "behaviour", Z)
+    line = fold_line(f"1={folded}", X, Y)
+    curves = [MapCurve(line.x, line.y, line.label, line.panel)]
+    figure = plot_map(picked.columns, X, Y, "behaviour", panels=Z, curves=curves, log=picked.log)
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    there = set(picked.columns["behaviour"].tolist())
+    assert words == [BEHAVIOURS[name][1] for name in BEHAVIOURS if name in there] + ["limit point"]
+    assert [len(ax.lines) for ax in figure.axes] == [1, 0]
+    colours = figure.axes[0].collections[0].cmap.colors
+    assert len(set(colours)) == len(colours) == len(there) + 1
+
+
+def test_points_are_marked_in_their_panel(swept):
+    picked = pick(swept, X, Y, "behaviour", Z)
+    marks = [MapMark(*mark("0.03,0.38,B")), MapMark(*mark("2=0.05,0.35,$C"))]
+    figure = plot_map(picked.columns, X, Y, "behaviour", panels=Z, marks=marks, log=picked.log)
+    assert [[text.get_text() for text in ax.texts] for ax in figure.axes] == [["B"], ["B", "$C"]]
+    assert figure.axes[0].get_xlim() == figure.axes[1].get_xlim()
+
+
+def test_every_end_of_a_history_has_a_colour_of_its_own():
+    ends = [Outcome.LOSS_OF_TENSION, Outcome.BREAKDOWN, Outcome.RUNAWAY]
+    for end in ends:
+        assert end.value in BEHAVIOURS
+        assert f"snap_to_{end.value}" in BEHAVIOURS
+    assert EventKind.LIMIT_POINT not in BEHAVIOURS
+    assert len({colour for colour, _ in BEHAVIOURS.values()}) == len(BEHAVIOURS)
+
+
+def test_samples_are_dots_and_words_of_any_column_categories(tmp_path):
+    vary = {"step.1.inflate": {"from": 0.1, "to": 0.6}, X: {"from": 0.1, "to": 1.0}}
+    definition = {"scenario": CHEAP, "sample": {"method": "sobol", "size": 8}, "vary": vary}
+    run_sweep(read_sweep(definition), tmp_path, executor=Here())
+    picked = pick(tmp_path, X, "step.1.inflate", "outcome")
+    figure = plot_map(picked.columns, X, "step.1.inflate", "outcome")
+    assert len(figure.axes[0].collections[0].get_offsets()) == 8
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["completed"]
+    with pytest.raises(PickError, match="goes with a grid"):
+        pick(tmp_path, X, "step.1.inflate", "outcome", at=[(X, "1")])
+
+
+def test_the_command_draws_it(swept, folded, tmp_path):
+    words = [
+        "map",
+        swept,
+        "--x",
+        X,
+        "--y",
+        Y,
+        "--panels",
+        Z,
+        "--fold",
+        folded,
+        "--out",
+        tmp_path / "new/map.png",
+    ]
+    result = balloons(*words)
+    assert (result.exit_code, result.stderr) == (0, "")
+    content = (tmp_path / "new/map.png").read_bytes()
+    assert content.startswith(b"\x89PNG")
+    assert balloons(*words).exit_code == 0
+    assert (tmp_path / "new/map.png").read_bytes() == content
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--x", "gas.ambient", "--y", Y], "--x gas.ambient: no such column in"),
+        (["--x", "gas.ambient", "--y", Y], "did you mean gas.ambient_pressure?"),
+        (["--x", X, "--y", "outcome"], "--y outcome: must be a column of numbers, holds text"),
+        (
+            ["--x", X, "--y", "loop_work"],
+            "--y loop_work: must be varied on the grid, which has gas.ambient_pressure, ",
+        ),
+        (
+            ["--x", X, "--y", Y],
+            f"--at: {Z} has 2 values; choose one with --at {Z}=VALUE, or show all with --panels",
+        ),
+        (["--x", X, "--y", Y, "--at", f"{Z}=3"], f"--at {Z}=3: must be one of 1.0, 2.0"),
+        (["--x", X, "--y", Y, "--at", "radius=1"], "--at radius: must be varied on the grid"),
+        (
+            ["--x", X, "--y", Y, "--panels", Z, "--mark", "1;2"],
+            "--mark 1;2: must be X,Y,TEXT or VALUE=X,Y,TEXT",
+        ),
+        (["--x", X, "--y", Y, "--color", "stretch", "--panels", Z], "--color stretch: no such column"),
+        (
+            ["--x", X, "--y", Y, "--panels", Z, "--fold", "none.csv"],
+            "--fold none.csv: cannot be read, no such file",
+        ),
+    ],
+)
+def test_refused(swept, words, told):
+    result = balloons("map", swept, *words)
+    assert result.exit_code == 2
+    assert told in result.stderr
+
+
+def test_curves_of_other_keys_are_refused(folded, tmp_path):
+    with pytest.raises(
+        PickError, match=r"is a curve over gas\.ambient_pressure and step\.N\.ramp or step\.N\.jump"
+    ):
+        fold_line(str(folded), "step.1.inflate", Y)
+    with pytest.raises(PickError, match="the map is over"):
+        fold_line(str(folded), X, "step.1.inflate")
+    (tmp_path / "fold.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(PickError, match=r"must be a fold\.csv as `balloons fold` writes it"):
+        fold_line(str(tmp_path / "fold.csv"), X, Y)
+    assert balloons("map", tmp_path, "--x", X, "--y", Y).exit_code == 2
+
+
+def test_a_limit_point_of_inflation_lies_over_the_inflation_pressure(tmp_path):
+    scenario = pair(1.1, {"ramp": 0.1})
+    fold(scenario, "balloon.active.radius", 0.5, inflation="active").to_csv(tmp_path)
+    line = fold_line(str(tmp_path / "fold.csv"), "step.1.inflate", "balloon.active.radius")
+    assert line.label == "limit point of the inflation"
+    assert line.x * line.y == pytest.approx(np.full(line.x.size, 1.2536545513), abs=1e-9)

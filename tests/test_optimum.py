@@ -1,0 +1,127 @@
+"""The best run under conditions: against roots that are known, and what cannot be asked."""
+
+from __future__ import annotations
+
+import csv
+
+import pytest
+from scipy.optimize import brentq
+
+from simulator import load_scenario, simulate
+from simulator.keys import with_values
+from simulator.scenario import ScenarioError
+from simulator.sweep.optimum import optimize, read_question
+from tests.pairs import pair
+from tests.sweeps import balloons
+
+DRIVEN = pair(1.2, {"ramp": 0.5}, output={"points": 2}).to_dict()
+QUICK = {"population": 5, "generations": 14, "seed": 1}
+
+
+def test_the_largest_stretch_below_a_field_is_where_the_field_is_reached():
+    question = read_question(
+        {
+            "scenario": DRIVEN,
+            "maximize": "largest_stretch_active",
+            "vary": {"step.2.ramp": {"from": 0.1, "to": 0.6}},
+            "where": {"largest_field_active": {"below": 0.8}, "behaviour": "snap"},
+            "search": QUICK,
+        }
+    )
+    nothing = optimize(question)
+    assert nothing.row is None  # this pair has no limit point at an ambient pressure of 1
+    question = type(question)(
+        question.sweep,
+        question.column,
+        question.sense,
+        {**question.where, "behaviour": ("continuous", "snap")},
+        question.search,
+    )
+    found = optimize(question)
+
+    def excess(voltage):
+        history = simulate(load_scenario(with_values(DRIVEN, {"step.2.ramp": voltage})))
+        return history.field.max() - 0.8
+
+    voltage = brentq(excess, 0.1, 0.5, xtol=1e-12)
+    assert found.row["largest_field_active"] <= 0.8
+    assert found.row["step.2.ramp"] == pytest.approx(voltage, abs=1e-3)
+    assert found.value == found.row["largest_stretch_active"]
+    assert len({row["step.2.ramp"] for row in found.runs}) == len(found.runs)
+
+
+def test_a_limit_point_made_small_lies_at_the_mechanical_peak(tmp_path):
+    """The voltage of the limit point falls as the inflation nears its own, at p = 1.2537."""
+    question = read_question(
+        {
+            "scenario": pair(1.0, {"ramp": 0.75}, ambient=0.015, output={"points": 2}).to_dict(),
+            "minimize": "limit_point_1_voltage_active",
+            "vary": {"step.1.inflate": {"from": 0.5, "to": 1.4, "spacing": "log"}},
+            "search": QUICK,
+        }
+    )
+    found = optimize(question)
+    assert 1.25 < found.row["step.1.inflate"] < 1.2536546
+    best, every = found.to_csv(tmp_path)
+    with open(best, newline="") as stream:
+        (row,) = csv.DictReader(stream)
+    assert float(row["limit_point_1_voltage_active"]) == found.value
+    assert len(every.read_text().splitlines()) == len(found.runs) + 1
+
+
+@pytest.mark.parametrize(
+    ("asked", "told"),
+    [
+        ({"maximise": "loop_work"}, 'maximise = "loop_work": unknown key'),
+        ({}, "maximize: must be given, or minimize, and not both"),
+        ({"maximize": "loop_work", "minimize": "loop_work"}, "must be given, or minimize, and not both"),
+        ({"maximize": "stretch_active"}, "must be a column of numbers; did you mean"),
+        (
+            {"maximize": "loop_work", "where": {"behavior": "snap"}},
+            "where.behavior: must be a column of words; did",
+        ),
+        ({"maximize": "loop_work", "where": {"behaviour": {"below": 1.0}}}, "must be a column of numbers"),
+        ({"maximize": "loop_work", "where": {"behaviour": 3}}, "where.behaviour = 3: must be { below = … }"),
+        (
+            {"maximize": "loop_work", "where": {"dissipated": {}}},
+            "where.dissipated = {}: must have below or above",
+        ),
+        ({"maximize": "loop_work", "search": {"seed": -1}}, "search.seed = -1: must be a whole number >= 0"),
+        ({"maximize": "loop_work", "sample": {}}, "sample = {}: does not go with an optimum"),
+        ({"maximize": "loop_work", "vary": {"step.2.ramp": [1.0]}}, "must be an interval such as"),
+    ],
+)
+def test_refused(asked, told):
+    vary = {"step.2.ramp": {"from": 0.1, "to": 0.2}}
+    with pytest.raises(ScenarioError) as caught:
+        read_question({"scenario": DRIVEN, "vary": vary, **asked})
+    assert told in str(caught.value)
+
+
+def test_the_command(tmp_path):
+    (tmp_path / "pair.toml").write_text(
+        'title = "a film"\n[gas]\nambient_pressure = 1.0\n[[balloon]]\nname = "a"\nelectrodes = true\n'
+        'elastomer = { model = "neo-hookean" }\n[[step]]\ninflate = 0.5\n[[step]]\nramp = 0.1\n'
+    )
+    text = (
+        'scenario = "pair.toml"\nmaximize = "largest_stretch_a"\n'
+        '[vary]\n"step.2.ramp" = { from = 0.0, to = 0.2 }\n'
+        "[where]\nlargest_field_a = { LIMIT }\n[search]\ngenerations = 3\npopulation = 5\n"
+    )
+    (tmp_path / "best.toml").write_text(text.replace("LIMIT", "below = 1.0"))
+    result = balloons("optimize", tmp_path / "best.toml", "--out", tmp_path / "out")
+    assert result.exit_code == 0
+    assert "largest  largest_stretch_a = 1." in result.stdout
+    assert "at       step.2.ramp = 0.1" in result.stdout
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["evaluations.csv", "optimum.csv"]
+    (tmp_path / "none.toml").write_text(text.replace("LIMIT", "above = 100.0"))
+    result = balloons("optimize", tmp_path / "none.toml", "--out", tmp_path / "none")
+    assert result.exit_code == 3
+    assert "runs meets the conditions" in result.stderr
+    (tmp_path / "bad.toml").write_text(text.replace("LIMIT", "beyond = 1.0"))
+    result = balloons("optimize", tmp_path / "bad.toml")
+    assert result.exit_code == 2
+    assert (
+        "bad.toml: where.largest_field_a.beyond = 1.0: unknown key, allowed here: below, above"
+        in result.stderr
+    )
