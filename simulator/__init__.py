@@ -16,7 +16,16 @@ if TYPE_CHECKING:
     from simulator.curve import Curve, FoldCurve
     from simulator.explanation import explain
     from simulator.files import OutputError
-    from simulator.history import EnergyBalance, Event, EventKind, History, Outcome, SolverStatistics
+    from simulator.history import (
+        EnergyBalance,
+        Event,
+        EventKind,
+        History,
+        Outcome,
+        SolverStatistics,
+        Stop,
+        Verdict,
+    )
     from simulator.path import PathError
     from simulator.scenario import Scenario, ScenarioError, load_scenario
     from simulator.simulation import SolverError, simulate
@@ -37,6 +46,8 @@ __all__ = [
     "ScenarioError",
     "SolverError",
     "SolverStatistics",
+    "Stop",
+    "Verdict",
     "explain",
     "load_scenario",
     "simulate",
@@ -56,6 +67,8 @@ _HOME = {
     "ScenarioError": "scenario",
     "SolverError": "simulation",
     "SolverStatistics": "history",
+    "Stop": "history",
+    "Verdict": "history",
     "explain": "explanation",
     "load_scenario": "scenario",
     "simulate": "simulation",

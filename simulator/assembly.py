@@ -12,11 +12,24 @@ from typing import TYPE_CHECKING
 
 from simulator import drive
 from simulator.device import Device
-from simulator.drive import Quantity, VoltageLine, Waveform
+from simulator.drive import Leg, Quantity, VoltageLine, Way
 from simulator.events import Condition, conditions
 from simulator.gas import Contents
 from simulator.model import OpenBalloon, SealedBalloons
-from simulator.scenario import Charge, Hold, Inflate, Jump, Ramp, Sine, Table, Triangle
+from simulator.scenario import (
+    Charge,
+    Hold,
+    Inflate,
+    Jump,
+    Ramp,
+    Sine,
+    SineByName,
+    SineWave,
+    Table,
+    Triangle,
+    TriangleByName,
+    TriangleWave,
+)
 
 if TYPE_CHECKING:
     from simulator.scenario import PlayedStep
@@ -56,73 +69,91 @@ def given_by(step: PlayedStep) -> Quantity | None:
 
 def motion(
     step: PlayedStep, electroded: Sequence[str], electrodes: Electrodes, pressure: float
-) -> tuple[VoltageLine, Waveform]:
-    """The line that a step's voltages (or charges) move along from the present ones, and how v moves.
+) -> tuple[Leg, ...]:
+    """The legs in which a step's voltages (or charges) move on from the present ones; mostly one.
 
     While inflating they stand still and v is the pressure.
     """
+    voltage = electrodes.voltage
     match step:
         case Inflate():
-            return electrodes.line, drive.ramp(pressure, step.inflate)
+            return (Leg(electrodes.line, drive.ramp(pressure, step.inflate)),)
         case Hold():
-            return electrodes.line, drive.ramp(0.0, 0.0)
+            return (Leg(electrodes.line, drive.ramp(0.0, 0.0)),)
         case Ramp():
-            return _towards(step.ramp, electroded, electrodes.voltage, "voltage")
+            return (_towards(step.ramp, electroded, voltage, "voltage"),)
         case Charge():
-            return _towards(step.charge, electroded, electrodes.charge, "charge")
+            return (_towards(step.charge, electroded, electrodes.charge, "charge"),)
         case Jump():
-            line, waveform = _towards(step.jump, electroded, electrodes.voltage, "voltage")
-            return line, drive.ramp(waveform.values[-1], waveform.values[-1])
-        case Sine():
-            wave = drive.sine(step.sine.mean, step.sine.amplitude, step.sine.cycles)
-        case Triangle():
-            wave = drive.triangle(step.triangle.low, step.triangle.high, step.triangle.cycles)
+            leg = _towards(step.jump, electroded, voltage, "voltage")
+            there = float(leg.waveform.values[-1])
+            return (Leg(leg.way, drive.ramp(there, there)),)
+        case Sine(sine=SineWave() as one):
+            wave = drive.sine(one.mean, one.amplitude, one.cycles)
+        case Triangle(triangle=TriangleWave() as one_triangle):
+            wave = drive.triangle(one_triangle.low, one_triangle.high, one_triangle.cycles)
+        case Sine(sine=SineByName() as sines):
+            # Who is not named keeps the present voltage.
+            parts = [sines.balloons.get(name) for name in electroded]
+            return drive.sines(
+                [p.mean if p else now for p, now in zip(parts, voltage, strict=True)],
+                [p.amplitude if p else 0.0 for p in parts],
+                [p.phase if p else 0.0 for p in parts],
+                sines.cycles,
+            )
+        case Triangle(triangle=TriangleByName() as triangles):
+            sides = [triangles.balloons.get(name) for name in electroded]
+            return drive.triangles(
+                [p.low if p else now for p, now in zip(sides, voltage, strict=True)],
+                [p.high if p else now for p, now in zip(sides, voltage, strict=True)],
+                [p.phase if p else 0.0 for p in sides],
+                triangles.cycles,
+            )
         case Table():
             wave = drive.table(step.times, step.voltages)
-    return VoltageLine.common(len(electroded)), wave
+    return (Leg(VoltageLine.common(len(electroded)), wave),)
 
 
 def _towards(
     wanted: float | dict[str, float], electroded: Sequence[str], present: Sequence[float], quantity: Quantity
-) -> tuple[VoltageLine, Waveform]:
+) -> Leg:
     """The line from present voltages or charges to those wanted, and a ramp along it."""
     target = [
         wanted.get(name, now) if isinstance(wanted, dict) else float(wanted)
         for name, now in zip(electroded, present, strict=True)
     ]
     line = VoltageLine.through(present, target, quantity)
-    return line, drive.ramp(line.coordinate(present), line.coordinate(target))
+    return Leg(line, drive.ramp(line.coordinate(present), line.coordinate(target)))
 
 
-def inflating(device: Device, held: VoltageLine) -> list[Group]:
+def inflating(device: Device, held: Way) -> list[Group]:
     """Every balloon by itself, under a moving pressure, voltages or charges held."""
-    return [
-        _group(device, device.inflated(i, held.offset, held.quantity), [i]) for i in range(len(device.names))
-    ]
+    values = held.at(0.0).tolist()
+    return [_group(device, device.inflated(i, values, held.quantity), [i]) for i in range(len(device.names))]
 
 
-def actuated(device: Device, line: VoltageLine, *, gas: Contents) -> list[Group]:
+def actuated(device: Device, way: Way, *, gas: Contents) -> list[Group]:
     """Valve closed: all balloons on their gas (or liquid), if any voltage or charge moves."""
-    return [held(device, line, gas=gas)] if any(line.rate) else []
+    return [held(device, way, gas=gas)] if any(way.moves) else []
 
 
-def held(device: Device, line: VoltageLine, *, gas: Contents) -> Group:
+def held(device: Device, way: Way, *, gas: Contents) -> Group:
     """Valve closed: all balloons on their gas (or liquid)."""
-    return _group(device, device.sealed(gas, line), range(len(device.names)))
+    return _group(device, device.sealed(gas, way), range(len(device.names)))
 
 
-def actuated_open(device: Device, line: VoltageLine, *, pressure: float) -> list[Group]:
+def actuated_open(device: Device, way: Way, *, pressure: float) -> list[Group]:
     """Valve open: each balloon whose voltage or charge moves, by itself."""
     return [
-        _group(device, device.actuated(i, pressure, line), [i])
-        for i, rate in zip(device.electroded, line.rate, strict=True)
-        if rate
+        _group(device, device.actuated(i, pressure, way), [i])
+        for i, moves in zip(device.electroded, way.moves, strict=True)
+        if moves
     ]
 
 
-def held_open(device: Device, line: VoltageLine, *, pressure: float) -> list[Group]:
+def held_open(device: Device, way: Way, *, pressure: float) -> list[Group]:
     """Valve open: every balloon by itself, whether its voltage moves or not."""
-    return [_group(device, device.actuated(i, pressure, line), [i]) for i in range(len(device.names))]
+    return [_group(device, device.actuated(i, pressure, way), [i]) for i in range(len(device.names))]
 
 
 def _group(device: Device, equations: AnyEquations, members: Sequence[int]) -> Group:

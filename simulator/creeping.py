@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 from simulator import assembly
 from simulator.assembly import Group
 from simulator.creep import Branch, Flow, Material, Passage
-from simulator.drive import VoltageLine, Waveform
+from simulator.drive import Leg, Waveform, Way
+from simulator.history import Outcome
 from simulator.model import OpenBalloon
 from simulator.simulation import _Run
 from simulator.walk import loses_tension
 
 if TYPE_CHECKING:
-    from simulator.scenario import Scenario
+    from simulator.scenario import PlayedStep, Scenario
+    from simulator.until import Watch
 
 FloatArray = NDArray[np.float64]
 
@@ -38,24 +40,50 @@ class CreepingRun(_Run):
         )
         self.inner: FloatArray = np.ones(len(self.material.creeping))  # stress free, as the stretches
 
-    def _actuated(self, line: VoltageLine) -> list[Group]:
+    def _actuated(self, way: Way) -> list[Group]:
         if self.is_open:
-            return assembly.held_open(self.device, line, pressure=self.pressure)
-        return [assembly.held(self.device, line, gas=self.gas)]
+            return assembly.held_open(self.device, way, pressure=self.pressure)
+        return [assembly.held(self.device, way, gas=self.gas)]
 
     def _release(self, free: Sequence[Group]) -> None:
         """Nothing moves at once."""
 
-    def _jump_to(self, line: VoltageLine, v: float) -> bool:
-        target = line.at(v)
+    def _jump_to(self, way: Way, v: float) -> bool:
+        target = way.at(v)
         if np.array_equal(target, self.voltage):
             return False
         self._charge(target)
         self._note_now()
         return True
 
-    def _move(
-        self, groups: list[Group], line: VoltageLine, waveform: Waveform, start: float, lasts: float
+    def _travel(
+        self, step: PlayedStep, legs: Sequence[Leg], start: float, lasts: float, watch: Watch | None
+    ) -> str | None:
+        """Let the balloons flow through the legs of a step, which has no early end."""
+        fractions = self._grid(lasts)
+        for leg in legs:
+            within = leg.within(fractions)
+            share = lasts * (leg.end - leg.start)
+            self._flow(
+                self._groups(step, leg),
+                leg.way,
+                leg.waveform,
+                within[(within >= 0.0) & (within <= 1.0)],
+                start + lasts * leg.start,
+                share,
+            )
+            if self.outcome is not Outcome.COMPLETED:
+                break
+        return None
+
+    def _flow(
+        self,
+        groups: list[Group],
+        line: Way,
+        waveform: Waveform,
+        fractions: FloatArray,
+        start: float,
+        lasts: float,
     ) -> None:
         first = float(waveform.values[np.argmax(waveform.values != waveform.values[0])])
         v = float(waveform.values[0])
@@ -63,7 +91,6 @@ class CreepingRun(_Run):
             self._note_event("loss_of_tension", self.stretch, self.pressure, None, None, None)
             return
         flow = Flow(groups, self.material)
-        fractions = self._grid(lasts)
         for begin, end, drive in _smooth_parts(waveform, lasts):
             inside = fractions[(fractions > begin) & (fractions < end)]
             times = np.concatenate([[begin], inside, [end]]) * lasts
@@ -77,7 +104,7 @@ class CreepingRun(_Run):
     def _record(
         self,
         flow: Flow,
-        line: VoltageLine,
+        line: Way,
         drive: Callable[[float], tuple[float, float]],
         passage: Passage,
         wanted: NDArray[np.bool_],
@@ -115,7 +142,7 @@ class CreepingRun(_Run):
     def _read_off(
         self,
         groups: Sequence[Group],
-        line: VoltageLine,
+        line: Way,
         drive: Callable[[float], tuple[float, float]],
         passage: Passage,
         rows: range,

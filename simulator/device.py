@@ -11,11 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.charged import ChargedMembrane
-from simulator.drive import Quantity, VoltageLine
+from simulator.drive import Quantity, VoltageCurve, VoltageLine, Way
 from simulator.elastomer import Elastomer, as_written
 from simulator.gas import Adiabatic, Contents, Incompressible, Isothermal, Law
-from simulator.model import AnyMembrane, ElectrodedMembrane, Membrane, OpenBalloon, SealedBalloons
+from simulator.model import (
+    AnyMembrane,
+    ElectrodedMembrane,
+    Membrane,
+    OpenBalloon,
+    OscillatingMembrane,
+    SealedBalloons,
+)
 from simulator.spectrum import CONSTRAINED
+from simulator.strength import ConstantStrength, PowerStrength, Strength
 
 if TYPE_CHECKING:
     from simulator.scenario import Balloon, Gas, Scenario
@@ -27,8 +35,8 @@ FloatArray = NDArray[np.float64]
 class Device:
     """The balloons of a scenario, arrays of shape (n_balloons,).
 
-    `electroded` are the indices of the balloons with electrodes, `strength` their breakdown fields (None
-    where the scenario names none), `law` that of the gas or liquid they share.
+    `electroded` are the indices of the balloons with electrodes, `strength` the dielectric strengths of
+    their films (None where the scenario names none), `law` that of the gas or liquid they share.
     """
 
     names: tuple[str, ...]
@@ -38,7 +46,7 @@ class Device:
     modulus: FloatArray
     permittivity: FloatArray
     electroded: tuple[int, ...]
-    strength: tuple[float | None, ...]
+    strength: tuple[Strength | None, ...]
     law: Law
 
     @classmethod
@@ -54,7 +62,7 @@ class Device:
             modulus=np.array([b.modulus for b in balloons]),
             permittivity=np.array([b.permittivity for b in balloons]),
             electroded=electroded,
-            strength=tuple(b.breakdown.field if (b := balloons[i]).breakdown else None for i in electroded),
+            strength=tuple(_strength(balloons[i]) for i in electroded),
             law=_law(scenario.gas),
         )
 
@@ -88,29 +96,35 @@ class Device:
             )
         )
 
-    def membrane(self, balloon: int, line: VoltageLine) -> AnyMembrane:
+    def membrane(self, balloon: int, way: Way) -> AnyMembrane:
         """One balloon's wall under its share of the voltages or charges; without one, the bare wall."""
         wall = self.walls[balloon]
         if balloon not in self.electroded:
             return wall
         place = self.electroded.index(balloon)
-        offset, rate = line.offset[place], line.rate[place]
+        h, k, e = self.thickness[balloon], self.modulus[balloon], self.permittivity[balloon]
+        film = wall, float(2.0 * e / (h * h * k)), float(self.radius[balloon] ** 2 * e / h), float(h)
+        if isinstance(way, VoltageCurve):
+            offset, rate = way.mean[place], 0.0
+            if way.amplitude[place]:
+                return OscillatingMembrane(*film, offset, way.amplitude[place], way.phase[place])
+        else:
+            offset, rate = way.offset[place], way.rate[place]
         if offset == 0.0 and rate == 0.0:
             return wall
-        h, k, e = self.thickness[balloon], self.modulus[balloon], self.permittivity[balloon]
-        capacitance = float(self.radius[balloon] ** 2 * e / h)
-        if line.quantity == "charge":
+        if way.quantity == "charge":
+            _, _, capacitance, _ = film
             load = 2.0 / (wall.weight * capacitance)
             return ChargedMembrane(wall, load, capacitance, float(h), offset, rate)
-        return ElectrodedMembrane(wall, float(2.0 * e / (h * h * k)), capacitance, float(h), offset, rate)
+        return ElectrodedMembrane(*film, offset, rate)
 
-    def sealed(self, gas: Contents, line: VoltageLine) -> SealedBalloons:
-        """Valve closed over a gas (or liquid), voltages moving along `line`."""
-        return SealedBalloons(tuple(self.membrane(i, line) for i in range(len(self.names))), gas)
+    def sealed(self, gas: Contents, way: Way) -> SealedBalloons:
+        """Valve closed over a gas (or liquid), voltages or charges moving along `way`."""
+        return SealedBalloons(tuple(self.membrane(i, way) for i in range(len(self.names))), gas)
 
-    def actuated(self, balloon: int, pressure: float, line: VoltageLine) -> OpenBalloon:
-        """One balloon with the valve open at `pressure`, voltages moving along `line`."""
-        return OpenBalloon(self.membrane(balloon, line), pressure, 0.0)
+    def actuated(self, balloon: int, pressure: float, way: Way) -> OpenBalloon:
+        """One balloon with the valve open at `pressure`, voltages or charges moving along `way`."""
+        return OpenBalloon(self.membrane(balloon, way), pressure, 0.0)
 
     def inflated(self, balloon: int, values: Sequence[float], quantity: Quantity = "voltage") -> OpenBalloon:
         """One balloon with the valve open under a moving pressure, voltages or charges held."""
@@ -129,17 +143,31 @@ class Device:
         chosen = list(self.electroded)
         return np.asarray(voltage * stretch[:, chosen] ** 2 / self.thickness[chosen])
 
+    @cached_property
+    def rated(self) -> tuple[int, ...]:
+        """Places, among the electroded balloons, of those whose film has a strength."""
+        return tuple(place for place, strength in enumerate(self.strength) if strength is not None)
+
+    def breakdown_field(self, stretch: FloatArray) -> FloatArray:
+        """Strengths E_b of the films that have one, (n, n_rated), over √(μ/ε)."""
+        fields = np.empty((len(stretch), len(self.rated)))
+        for column, place in enumerate(self.rated):
+            strength = self.strength[place]
+            assert strength is not None
+            fields[:, column] = strength.at(stretch[:, self.electroded[place]])
+        return fields
+
     def charge(self, stretch: FloatArray, voltage: FloatArray) -> FloatArray:
         """Charges r²(e/h)φλ⁴, (n, n_electroded), over 4πR²√(εμ)."""
         chosen = list(self.electroded)
         return np.asarray(self._unstretched_capacitance * voltage * stretch[:, chosen] ** 4)
 
-    def voltage(self, line: VoltageLine, v: FloatArray, stretch: FloatArray) -> FloatArray:
-        """Voltages (n, n_electroded) of states (n, n_balloons) at n places of the drive's line."""
-        if line.quantity == "voltage":
-            return line.at(v)
+    def voltage(self, way: Way, v: FloatArray, stretch: FloatArray) -> FloatArray:
+        """Voltages (n, n_electroded) of states (n, n_balloons) at n places of the drive's way."""
+        if way.quantity == "voltage":
+            return way.at(v)
         return np.asarray(
-            line.at(v) / (self._unstretched_capacitance * stretch[:, list(self.electroded)] ** 4)
+            way.at(v) / (self._unstretched_capacitance * stretch[:, list(self.electroded)] ** 4)
         )
 
     @cached_property
@@ -239,6 +267,17 @@ def smallest_eigenvalue(diagonal: FloatArray, coupling: FloatArray, arms: FloatA
     index = np.arange(count)
     matrices[:, index, index] += diagonal
     return np.asarray(np.linalg.eigvalsh(matrices)[:, 0])
+
+
+def _strength(balloon: Balloon) -> Strength | None:
+    chosen = balloon.breakdown
+    if chosen is None:
+        return None
+    if chosen.law == "power":
+        return PowerStrength.from_thickness(
+            chosen.field, chosen.stretch_exponent, chosen.thickness_exponent, balloon.thickness
+        )
+    return ConstantStrength(chosen.field)
 
 
 def _law(gas: Gas) -> Law:

@@ -1,15 +1,19 @@
 """The drive: voltages and pressure in time, as straight lines through drive space walked along and back.
 
-A history is rate independent, so time only labels its points. Each step of a scenario moves the drive
-along one straight line; a `Waveform` says how far along it (the coordinate v) at each fraction θ of the
-step, with the corners, where the motion turns round or kinks, declared and never discovered. Between two
+A history is rate independent, so time only labels its points. A step of a scenario moves the drive along
+one straight line; a `Waveform` says how far along it (the coordinate v) at each fraction θ of the step,
+with the corners, where the motion turns round or kinks, declared and never discovered. Between two
 corners v is monotone, so that the θ at which v takes a value is known in closed form.
+
+Actuators with waves of their own leave the straight line. Out of step, triangles make a polygon, one straight
+`Leg` after the other; sines make a closed `VoltageCurve`, travelled once in each period.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +24,8 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 # What the source of the electrodes gives; the other follows.
 Quantity = Literal["voltage", "charge"]
+
+_ONE_CORNER = 1e-12  # corners of two triangles closer than this part of a period are one
 
 
 @dataclass(frozen=True)
@@ -61,6 +67,11 @@ class VoltageLine:
         """One voltage (or charge) on all electrodes: φᵢ = v."""
         return cls((0.0,) * count, (1.0,) * count, quantity)
 
+    @property
+    def moves(self) -> tuple[bool, ...]:
+        """Which voltages, or charges, change along it."""
+        return tuple(bool(rate) for rate in self.rate)
+
     def coordinate(self, voltages: Sequence[float]) -> float:
         """The v at which the line passes through `voltages`; 0 on a line that goes nowhere."""
         return float(voltages[self.rate.index(1.0)]) if any(self.rate) else 0.0
@@ -68,6 +79,42 @@ class VoltageLine:
     def at(self, v: FloatArray | float) -> FloatArray:
         """Voltages, or charges, at v: shape (n_electroded,) for a float, (n, n_electroded) for n values."""
         return np.asarray(np.multiply.outer(v, self.rate) + np.asarray(self.offset))
+
+
+def sine_of_turns(turns: Any) -> Any:
+    """sin(2π turns) of a float, a complex number or an array; exact at every quarter turn."""
+    if isinstance(turns, float):
+        part = turns - round(turns)
+        if abs(part) > 0.25:
+            part = math.copysign(0.5, part) - part
+        return math.sin(2.0 * math.pi * part)
+    part = turns - np.round(np.real(turns))
+    side = np.real(part)
+    return np.sin(2.0 * np.pi * np.where(np.abs(side) > 0.25, np.copysign(0.5, side) - part, part))
+
+
+@dataclass(frozen=True)
+class VoltageCurve:
+    """A closed curve φᵢ = meanᵢ + amplitudeᵢ sin 2π(v + phaseᵢ) in the space of voltages; v in periods."""
+
+    mean: tuple[float, ...]
+    amplitude: tuple[float, ...]
+    phase: tuple[float, ...]
+    quantity: ClassVar[Quantity] = "voltage"
+
+    @property
+    def moves(self) -> tuple[bool, ...]:
+        """Which voltages change along it."""
+        return tuple(bool(amplitude) for amplitude in self.amplitude)
+
+    def at(self, v: FloatArray | float) -> FloatArray:
+        """Voltages at v: shape (n_electroded,) for a float, (n, n_electroded) for n values."""
+        # Closed to the last digit: a period ends where the next one begins.
+        turns = np.where(np.asarray(v) == 1.0, 0.0, v)[..., None] + np.asarray(self.phase)
+        return np.asarray(np.asarray(self.mean) + np.asarray(self.amplitude) * sine_of_turns(turns))
+
+
+Way = VoltageLine | VoltageCurve
 
 
 @dataclass(frozen=True)
@@ -116,6 +163,24 @@ class Waveform:
         return float(min(max(fraction, t0), t1))
 
 
+@dataclass(frozen=True)
+class Leg:
+    """A part of a step, from fraction `start` to `end` of it: the way that voltages go, and how v moves."""
+
+    way: Way
+    waveform: Waveform
+    start: float = 0.0
+    end: float = 1.0
+
+    def of_step(self, fraction: float) -> float:
+        """A fraction of this leg as one of the step."""
+        return self.start + (self.end - self.start) * fraction
+
+    def within(self, fractions: FloatArray) -> FloatArray:
+        """Fractions of the step as those of this leg."""
+        return (fractions - self.start) / (self.end - self.start)
+
+
 def ramp(start: float, end: float) -> Waveform:
     """From `start` to `end` in a straight line."""
     return Waveform(np.array([0.0, 1.0]), np.array([start, end]))
@@ -150,3 +215,42 @@ def triangle(low: float, high: float, cycles: float) -> Waveform:
 def table(times: FloatArray, values: FloatArray) -> Waveform:
     """Straight lines between the rows of a table; times rise from 0."""
     return Waveform(times / times[-1], np.asarray(values, dtype=np.float64))
+
+
+def sines(
+    mean: Sequence[float], amplitude: Sequence[float], phase: Sequence[float], cycles: float
+) -> tuple[Leg, ...]:
+    """One leg for each period of sines of their own; a broken period stops where it is."""
+    curve = VoltageCurve(tuple(mean), tuple(amplitude), tuple(phase))
+    return tuple(
+        Leg(curve, ramp(0.0, min(cycles - k, 1.0)), k / cycles, min(k + 1.0, cycles) / cycles)
+        for k in range(math.ceil(cycles))
+    )
+
+
+def triangles(
+    low: Sequence[float], high: Sequence[float], phase: Sequence[float], cycles: float
+) -> tuple[Leg, ...]:
+    """Straight legs between the corners of triangle waves of their own, `low` at phase 0, `high` at ½."""
+    bottom, top, shift = (np.asarray(part, dtype=np.float64) for part in (low, high, phase))
+
+    def at(turns: float) -> list[float]:
+        share = 1.0 - np.abs(1.0 - 2.0 * np.mod(turns + shift, 1.0))
+        voltages: list[float] = (bottom * (1.0 - share) + top * share).tolist()
+        return voltages
+
+    found = np.unique(np.mod(np.concatenate([[0.0], -shift, 0.5 - shift]), 1.0) % 1.0)
+    corners = found[np.append(True, np.diff(found) > _ONE_CORNER)].tolist()
+    voltages = [at(corner) for corner in corners]
+    corners, voltages = [*corners, 1.0], [*voltages, voltages[0]]
+    legs: list[Leg] = []
+    for k in range(math.ceil(cycles)):
+        for i in range(len(corners) - 1):
+            start, end = k + corners[i], min(k + corners[i + 1], cycles)
+            if start >= end:
+                break
+            target = voltages[i + 1] if end == k + corners[i + 1] else at(end - k)
+            line = VoltageLine.through(voltages[i], target)
+            moving = ramp(line.coordinate(voltages[i]), line.coordinate(target))
+            legs.append(Leg(line, moving, start / cycles, end / cycles))
+    return tuple(legs)

@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 
 from simulator.charged import ChargedMembrane
 from simulator.elastomer import Number, largest_stretch
-from simulator.model import ElectrodedMembrane, Equations, OpenBalloon, SealedBalloons, State
+from simulator.model import (
+    ElectrodedMembrane,
+    Equations,
+    OpenBalloon,
+    OscillatingMembrane,
+    SealedBalloons,
+    State,
+)
+from simulator.strength import Strength
 
 FloatArray = NDArray[np.float64]
 
@@ -35,11 +43,11 @@ class Condition:
 
 
 def conditions(
-    equations: SealedBalloons | OpenBalloon, strengths: Sequence[float | None]
+    equations: SealedBalloons | OpenBalloon, strengths: Sequence[Strength | None]
 ) -> tuple[Condition, ...]:
     """The conditions that apply to a set of equations, stability first.
 
-    `strengths` are the breakdown fields of its balloons, None where there is none.
+    `strengths` are those of its balloons' films, None where there is none.
     """
     found = [stability(equations)]
     if isinstance(equations, SealedBalloons):
@@ -48,7 +56,9 @@ def conditions(
     else:
         membranes = (equations.membrane,)
     for place, (membrane, strength) in enumerate(zip(membranes, strengths, strict=True)):
-        if strength is not None and isinstance(membrane, ElectrodedMembrane | ChargedMembrane):
+        if strength is not None and isinstance(
+            membrane, ElectrodedMembrane | ChargedMembrane | OscillatingMembrane
+        ):
             found.append(intactness(membrane, place, strength))
     for place, wall in enumerate(equations.walls):
         if (largest := largest_stretch(wall.elastomer)) < math.inf:
@@ -100,17 +110,16 @@ def tension(equations: SealedBalloons) -> Condition:
     return Condition("loss_of_tension", lambda y: y[place], slope)
 
 
-def intactness(membrane: ElectrodedMembrane | ChargedMembrane, place: int, strength: float) -> Condition:
+def intactness(
+    membrane: ElectrodedMembrane | ChargedMembrane | OscillatingMembrane, place: int, strength: Strength
+) -> Condition:
     """1 − (E/E_b)² of one electroded balloon; at zero its film breaks down."""
 
     def margin(y: State) -> Number:
-        field = membrane.field(y[place], y[-1]) / strength
-        return 1.0 - field * field
+        share = membrane.field(y[place], y[-1]) / strength.at(y[place])
+        return 1.0 - share * share
 
-    def slope(y: FloatArray) -> FloatArray:
-        return np.asarray(np.imag(margin(_complex_steps(y))) / _STEP)
-
-    return Condition("breakdown", margin, slope)
+    return Condition("breakdown", margin, lambda y: gradient(margin, y))
 
 
 def validity(place: int, largest: float) -> Condition:
@@ -131,6 +140,11 @@ def boundedness(place: int) -> Condition:
 
 
 _STEP = 1e-30
+
+
+def gradient(margin: Callable[[State], Number], y: FloatArray) -> FloatArray:
+    """Gradient of a smooth function of the state by complex steps, (n_unknowns,)."""
+    return np.asarray(np.imag(margin(_complex_steps(y))) / _STEP)
 
 
 def _complex_steps(y: FloatArray) -> NDArray[np.complex128]:

@@ -5,26 +5,31 @@ Nothing is solved. The text is read off the same assembly that a run uses.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 from simulator import assembly, units
 from simulator.charged import ChargedMembrane
 from simulator.device import Device
 from simulator.gas import Adiabatic, Isothermal
-from simulator.model import ElectrodedMembrane, Membrane, SealedBalloons
-from simulator.scenario import Charge, Hold, Inflate, Jump, Ramp, duration
+from simulator.model import Membrane, OscillatingMembrane, SealedBalloons
+from simulator.scenario import Charge, Hold, Inflate, Jump, Ramp, duration, until_of
+from simulator.strength import PowerStrength
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from simulator.assembly import Group
-    from simulator.drive import VoltageLine, Waveform
+    from simulator.drive import Leg, Way
     from simulator.gas import Law
-    from simulator.scenario import PlayedStep, Scenario
+    from simulator.scenario import ConstantBreakdown, PlayedStep, PowerBreakdown, Scenario
     from simulator.units import Scales
 
 _MOST_STEPS = 24
+_SAME_VOLTAGE = 1e-15  # what rounding leaves of a sine
 _UNKNOWN = 0.123456789  # a voltage or charge that only a run can tell, and nobody asks for
 
 
@@ -46,14 +51,19 @@ def explain(scenario: Scenario) -> str:
 class Assembled(NamedTuple):
     """A step with what it assembles: how its drive moves, and the sets of equations that move with it.
 
-    `groups` is empty where nothing moves; `voltage` is that before the step.
+    `ways` are the different ways of its `legs`, each with its sets of equations, none where nothing moves;
+    `voltage` is that before the step.
     """
 
     step: PlayedStep
-    line: VoltageLine
-    waveform: Waveform
-    groups: list[Group]
+    legs: tuple[Leg, ...]
+    ways: dict[Way, list[Group]]
     voltage: Sequence[float]
+
+    @property
+    def groups(self) -> list[Group]:
+        """The sets of equations of all ways."""
+        return [group for groups in self.ways.values() for group in groups]
 
 
 def assembled(scenario: Scenario) -> Iterator[Assembled]:
@@ -65,32 +75,40 @@ def assembled(scenario: Scenario) -> Iterator[Assembled]:
     some_gas = device.law.sealed(1.0, 1.0)
     for step in scenario.played_steps():
         source = replace(source, given=assembly.given_by(step) or source.given)
-        line, waveform = assembly.motion(step, scenario.electroded, source, pressure)
-        if isinstance(step, Inflate):
-            groups = assembly.inflating(device, line)
-        elif scenario.dynamics is not None:
-            groups = (
-                assembly.held_open(device, line, pressure=pressure)
-                if step.valve == "open"
-                else [assembly.held(device, line, gas=some_gas)]
+        legs = assembly.motion(step, scenario.electroded, source, pressure)
+        ways: dict[Way, list[Group]] = {}
+        for leg in legs:
+            moves = (
+                scenario.dynamics is not None
+                or isinstance(step, Jump)
+                or bool((leg.waveform.values != leg.waveform.values[0]).any())
             )
-        elif step.valve == "open":
-            groups = assembly.actuated_open(device, line, pressure=pressure)
-        else:
-            groups = assembly.actuated(device, line, gas=some_gas)
-        moves = (
-            scenario.dynamics is not None
-            or isinstance(step, Jump)
-            or bool((waveform.values != waveform.values[0]).any())
-        )
-        yield Assembled(step, line, waveform, groups if moves else [], source.voltage)
+            if not moves:
+                ways.setdefault(leg.way, [])
+            elif not ways.get(leg.way):
+                if isinstance(step, Inflate):
+                    ways[leg.way] = assembly.inflating(device, leg.way)
+                elif scenario.dynamics is not None:
+                    ways[leg.way] = (
+                        assembly.held_open(device, leg.way, pressure=pressure)
+                        if step.valve == "open"
+                        else [assembly.held(device, leg.way, gas=some_gas)]
+                    )
+                elif step.valve == "open":
+                    ways[leg.way] = assembly.actuated_open(device, leg.way, pressure=pressure)
+                else:
+                    ways[leg.way] = assembly.actuated(device, leg.way, gas=some_gas)
+        yield Assembled(step, legs, ways, source.voltage)
         if isinstance(step, Inflate):
             pressure = step.inflate
         elif not isinstance(step, Hold):
-            reached = line.at(float(waveform.values[-1])).tolist()
+            way, waveform = legs[-1].way, legs[-1].waveform
+            # Where a step ends early is not known here; some place on the way stands for it.
+            end = waveform.at(np.array([0.4]))[0] if until_of(step) else waveform.values[-1]
+            reached = way.at(float(end)).tolist()
             follows = [0.0 if value == 0.0 else _UNKNOWN for value in reached]
-            voltage, charge = (reached, follows) if line.quantity == "voltage" else (follows, reached)
-            source = assembly.Electrodes(voltage, charge, line.quantity)
+            voltage, charge = (reached, follows) if way.quantity == "voltage" else (follows, reached)
+            source = assembly.Electrodes(voltage, charge, way.quantity)
 
 
 def _lines(scenario: Scenario) -> Iterator[str]:
@@ -106,20 +124,32 @@ def _lines(scenario: Scenario) -> Iterator[str]:
         sizes = f"r = {balloon.radius:g}, h = {balloon.thickness:g}, k = {balloon.modulus:g}"
         electrodes = f", electrodes, e = {balloon.permittivity:g}" if balloon.electrodes else ""
         yield f"  {balloon.name}: {sizes}{electrodes}; {balloon.elastomer.words}"
+        if balloon.breakdown:
+            yield f"    its film breaks down at {_breakdown_law(balloon.breakdown, balloon.thickness)}"
     yield ""
     yield "Steps"
     was_open = False
     seen: set[str] = set()
     total = sum(1 for _ in scenario.played_steps())
-    for number, (step, line, waveform, groups, before) in enumerate(assembled(scenario), start=1):
+    for number, (step, legs, ways, before) in enumerate(assembled(scenario), start=1):
         if number > _MOST_STEPS:
             yield f"  … and {total - _MOST_STEPS} more steps"
             break
         opens = isinstance(step, Inflate) or step.valve == "open"
-        yield from _step(number, step, waveform.fractions.size - 1, groups, device, scenario)
-        first = line.at(float(waveform.values[0])).tolist()
-        if not isinstance(step, Inflate | Hold | Jump | Ramp | Charge) and first != before:
-            yield f"     begins by a jump of the voltage to {waveform.values[0]:g}, as a jump step does"
+        # Of waves by name a leg in which most move stands for all.
+        groups = ways[max(ways, key=lambda way: sum(way.moves))]
+        pieces = sum(leg.waveform.fractions.size - 1 for leg in legs)
+        yield from _step(number, step, pieces, groups, device, scenario)
+        if until := until_of(step):
+            from simulator.until import Watch
+
+            ends = " or ".join(Watch.over(until, device).labels)
+            yield f"     until      {ends}: the step ends there, if that comes first"
+        begins = legs[0].way.at(float(legs[0].waveform.values[0]))
+        stays = isinstance(step, Inflate | Hold | Jump | Ramp | Charge)
+        if not stays and np.abs(begins - before).max() > _SAME_VOLTAGE:
+            to = ", ".join(f"{v:g}" for v in dict.fromkeys(begins.tolist()))
+            yield f"     begins by a jump of the voltage to {to}, as a jump step does"
         if opens and not was_open and not isinstance(step, Inflate) and number > 1:
             yield "     opens the valve: a balloon that only the shared gas held would leave, by a jump"
         was_open = opens
@@ -136,6 +166,14 @@ def _scales(scales: Scales) -> Iterator[str]:
     yield f"reference balloon: {reference}, ε = {scales.permittivity:g} of the vacuum"
     for of in (units.PRESSURE, units.VOLTAGE, units.FIELD, units.CHARGE, units.ENERGY, units.TIME):
         yield f"{of.scale} 1 is {units.said(of, scales.of(of))}"
+
+
+def _breakdown_law(law: ConstantBreakdown | PowerBreakdown, thickness: float) -> str:
+    if law.law == "constant":
+        return f"φλ²/h = {law.field:g}"
+    known = PowerStrength.from_thickness(law.field, law.stretch_exponent, law.thickness_exponent, thickness)
+    written = f"{law.field:g} λ^{law.stretch_exponent:g} (h λ⁻²)^{law.thickness_exponent:g}"
+    return f"φλ²/h = {written} = {known.field:g} λ^{known.exponent:g}"
 
 
 def _step(
@@ -162,13 +200,19 @@ def _step(
         yield f"  {number}. {kind}, {duration(step):g} long, valve {valve}: {pieces} smooth {plural}"
     at_once = isinstance(step, Jump)
     for group in groups:
-        driven = {Inflate: "pressure", Charge: "charge"}.get(type(step), "voltage")
-        drive = [] if at_once else [f"{driven} (driven)"]
+        drive = [] if at_once else [f"{_drive(step, group)} (driven)"]
         yield f"     unknowns   {', '.join(_unknowns(group, device) + drive)}"
         for equation in _equations(group, device, scenario):
             yield f"     equation   {equation}"
         kinds = dict.fromkeys(c.kind for c in group.conditions[1 if at_once else 0 :])
         yield f"     events     {', '.join(kinds) or 'none'}"
+
+
+def _drive(step: PlayedStep, group: Group) -> str:
+    """What moves the equations of a group."""
+    if isinstance(step, Inflate | Charge):
+        return "pressure" if isinstance(step, Inflate) else "charge"
+    return "voltage" if math.isinf(group.equations.longest_step) else "θ, the time in periods"
 
 
 def _unknowns(group: Group, device: Device) -> list[str]:
@@ -186,18 +230,21 @@ def _equations(group: Group, device: Device, scenario: Scenario) -> Iterator[str
         name = device.names[place]
         wall = membrane if isinstance(membrane, Membrane) else membrane.wall
         terms = f"{_factor(wall.modulus)}f(λ) − {_factor(device.radius[place] / device.thickness[place])}p λ²"
-        if isinstance(membrane, ElectrodedMembrane):
+        if isinstance(membrane, ChargedMembrane):
+            terms += f" − {membrane.electric_load * wall.modulus:g} q² λ⁻⁵"
+        elif not isinstance(membrane, Membrane):
             e, h = device.permittivity[place], device.thickness[place]
             terms += f" − {2.0 * e / h**2:g} φ² λ³"
-        elif isinstance(membrane, ChargedMembrane):
-            terms += f" − {membrane.electric_load * wall.modulus:g} q² λ⁻⁵"
+        wave = ""
+        if isinstance(membrane, OscillatingMembrane):
+            wave = f", φ = {membrane.mean:g} + {membrane.amplitude:g} sin 2π(θ + {membrane.phase:g})"
         if scenario.dynamics is None:
-            yield f"force balance of {name}: {terms} = 0"
+            yield f"force balance of {name}: {terms} = 0{wave}"
             continue
         maxwell = scenario.balloons[place].maxwell
         if maxwell is not None:
             terms += f" + ({maxwell.modulus:g}/ξ) f_v(λ/ξ)"
-        yield f"flow of {name}: {scenario.dynamics.relaxation_of(name):g} dλ/dt = −[{terms}]"
+        yield f"flow of {name}: {scenario.dynamics.relaxation_of(name):g} dλ/dt = −[{terms}]{wave}"
         if maxwell is not None:
             yield f"Maxwell branch of {name}: dξ/dt = λ f_v(λ/ξ) / {12.0 * maxwell.time:g}"
     if sealed:

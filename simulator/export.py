@@ -55,7 +55,8 @@ def history_columns(history: History) -> Columns:
     dict of str to (n_samples,) array
         `time`, `step`, `branch`, `voltage_<name>` of each electroded balloon, `stretch_<name>` of
         each balloon, `pressure`, `volume`, `gas`, `field_<name>`, `charge_<name>`, `energy`,
-        `stability`. Dimensionless, see `History`; with [scales] the same in SI units after them.
+        `stability`, `margin_<name>` of each film with a strength. Dimensionless, see `History`; with
+        [scales] the same in SI units after them.
     """
     columns = {
         "time": history.time,
@@ -70,6 +71,7 @@ def history_columns(history: History) -> Columns:
         **_by_name("charge", history.electroded, history.charge),
         "energy": history.energy,
         "stability": history.stability,
+        **_by_name("margin", history.rated, history.margin),
     }
     return _with_si(columns, history)
 
@@ -249,6 +251,8 @@ def run_record(history: History, failure: str | None = None) -> dict[str, Any]:
             "events": len(history.events),
             "events_by_kind": dict(Counter(event.kind.value for event in history.events)),
         },
+        **({"until": [asdict(stop) for stop in history.stops]} if history.stops else {}),
+        **({"films": [asdict(verdict) for verdict in history.verdicts]} if history.rated else {}),
         "elastomers": history.elastomers,
         "energy_balance": {**asdict(balance), "relative_imbalance": balance.relative_imbalance},
         "statistics": asdict(history.statistics),

@@ -7,6 +7,7 @@ All quantities are dimensionless, see `docs/physics.md`.
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+
+_BROKEN = 1e-9  # a margin that is zero to the accuracy of a flow
 
 
 class EventKind(StrEnum):
@@ -106,6 +110,39 @@ class EnergyBalance:
 
 
 @dataclass(frozen=True)
+class Verdict:
+    """How close a film with a dielectric strength came to breakdown.
+
+    Attributes
+    ----------
+    balloon : str
+    broke : str or None
+        "path", "snap" or "jump", during which it broke; None for a film that survived.
+    time, step
+        Of the sample with the smallest margin; where it broke, if it did.
+    field, strength, margin : float
+        |E|, E_b and 1 − |E|/E_b there.
+    """
+
+    balloon: str
+    broke: str | None
+    time: float
+    step: int
+    field: float
+    strength: float
+    margin: float
+
+
+@dataclass(frozen=True)
+class Stop:
+    """How a step with `until` ended: `reached` says what ended it, None if nothing did before its time."""
+
+    step: int
+    time: float
+    reached: str | None
+
+
+@dataclass(frozen=True)
 class SolverStatistics:
     """What the run cost."""
 
@@ -139,6 +176,12 @@ class History:
     outcome : Outcome
     energy_balance : EnergyBalance
     statistics : SolverStatistics
+    stops : tuple of Stop
+        Of the steps with `until`.
+    rated : tuple of str
+        Names of the balloons whose film has a dielectric strength, in the order of the columns below.
+    strength, margin : (n_samples, n_rated) arrays
+        The strength E_b of each film, and 1 − |E|/E_b, how far it is from breakdown.
     """
 
     scenario: Scenario
@@ -160,6 +203,10 @@ class History:
     outcome: Outcome
     energy_balance: EnergyBalance
     statistics: SolverStatistics
+    stops: tuple[Stop, ...] = ()
+    rated: tuple[str, ...] = ()
+    strength: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
+    margin: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
 
     def __len__(self) -> int:
         return int(self.time.size)
@@ -178,6 +225,30 @@ class History:
             event
             for event in self.events
             if event.kind in kinds and event.stretch_after is not None and event.time not in lost
+        )
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """Of every film with a strength, whether it survived and how close it came to breakdown."""
+        return tuple(self._verdict(i) for i in range(len(self.rated))) if len(self) else ()
+
+    def _verdict(self, film: int) -> Verdict:
+        margin = self.margin[:, film]
+        at, broke = int(np.argmin(margin)), None
+        if self.outcome is Outcome.BREAKDOWN and margin[-1] <= _BROKEN:
+            before = [event.kind for event in self.events[:-1] if event.time == self.events[-1].time]
+            at, broke = -1, "path"
+            if before:
+                broke = "jump" if before[-1] is EventKind.JUMP else "snap"
+        name = self.rated[film]
+        return Verdict(
+            name,
+            broke,
+            float(self.time[at]),
+            int(self.step[at]),
+            abs(float(self.field[at, self.electroded.index(name)])),
+            float(self.strength[at, film]),
+            float(margin[at]),
         )
 
     def to_dataframe(self) -> pd.DataFrame:

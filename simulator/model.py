@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.charged import ChargedMembrane
+from simulator.drive import sine_of_turns
 from simulator.elastomer import Elastomer, Number
 from simulator.gas import Contents
 from simulator.spectrum import COUPLED, Spectrum
@@ -171,7 +172,63 @@ class ElectrodedMembrane:
         return self.capacitance * (self.offset + self.rate * v) ** 2 * stretch**4
 
 
-AnyMembrane = Membrane | ElectrodedMembrane | ChargedMembrane
+@dataclass(frozen=True)
+class OscillatingMembrane:
+    """A balloon's wall with electrodes, under the voltage φ = mean + amplitude·sin 2π(v + phase).
+
+    At any v it is an `ElectrodedMembrane` whose voltage moves along the tangent there.
+    """
+
+    wall: Membrane
+    electric_load: float
+    capacitance: float
+    thickness: float
+    mean: float
+    amplitude: float
+    phase: float
+
+    def voltage(self, v: Number) -> Number:
+        """φ."""
+        return self.mean + self.amplitude * sine_of_turns(v + self.phase)
+
+    def _tangent(self, v: Number) -> ElectrodedMembrane:
+        rate = 2.0 * np.pi * self.amplitude * sine_of_turns(v + (self.phase + 0.25))
+        return ElectrodedMembrane(
+            self.wall, self.electric_load, self.capacitance, self.thickness, self.voltage(v), rate
+        )
+
+    def force(self, stretch: Number, pressure: Number, v: Number) -> Number:
+        """R, see the head of this file."""
+        return self._tangent(v).force(stretch, pressure, 0.0)
+
+    def linearised(
+        self, stretch: Number, pressure: Number, v: Number
+    ) -> tuple[Number, Number, Number, Number]:
+        """R and ∂R/∂(λ, p, v)."""
+        return self._tangent(v).linearised(stretch, pressure, 0.0)
+
+    def stiffness(self, stretch: Number, pressure: Number, v: Number) -> tuple[Number, Number]:
+        """∂R/∂λ and D."""
+        return self._tangent(v).stiffness(stretch, pressure, 0.0)
+
+    def field(self, stretch: Number, v: Number) -> Number:
+        """True electric field φλ²/h."""
+        return self._tangent(v).field(stretch, 0.0)
+
+    def potential(self, stretch: Number, v: Number) -> Number:
+        """Elastic energy less ½φq."""
+        return self._tangent(v).potential(stretch, 0.0)
+
+    def charge_rate(self, stretch: Number, v: Number) -> Number:
+        """q dφ/dv = −∂Π/∂v of this wall."""
+        return self._tangent(v).charge_rate(stretch, 0.0)
+
+    def supplied(self, stretch: Number, v: Number) -> Number:
+        """φq."""
+        return self._tangent(v).supplied(stretch, 0.0)
+
+
+AnyMembrane = Membrane | ElectrodedMembrane | ChargedMembrane | OscillatingMembrane
 
 
 def _wall(membrane: AnyMembrane) -> Membrane:
@@ -181,13 +238,16 @@ def _wall(membrane: AnyMembrane) -> Membrane:
 class Equations(Protocol):
     """What following, polishing and relaxing need to know of a set of equations.
 
-    `scales` are the natural sizes of the unknowns, shape (n_unknowns,); `walls` the balloons in it.
+    `scales` are the natural sizes of the unknowns, shape (n_unknowns,); `walls` the balloons in it;
+    `longest_step` the largest part of v that one step may pass over, inf where the drive is straight.
     """
 
     @property
     def scales(self) -> FloatArray: ...
     @property
     def walls(self) -> tuple[Membrane, ...]: ...
+    @property
+    def longest_step(self) -> float: ...
     @property
     def has_pressure(self) -> bool:
         """Whether the pressure is an unknown, y[-2], bound by the gas law."""
@@ -287,6 +347,10 @@ class SealedBalloons:
     def _stiffnesses(self) -> tuple[list[tuple[Callable[..., Any], float, float]], Callable[..., Number]]:
         walls = [(m.stiffness, w.cube, w.weight) for m, w in zip(self.membranes, self.walls, strict=True)]
         return walls, self.gas.stiffness
+
+    @cached_property
+    def longest_step(self) -> float:
+        return _longest_step(self.membranes)
 
     @cached_property
     def scales(self) -> FloatArray:
@@ -400,6 +464,10 @@ class OpenBalloon:
         return (_wall(self.membrane),)
 
     @cached_property
+    def longest_step(self) -> float:
+        return _longest_step((self.membrane,))
+
+    @cached_property
     def scales(self) -> FloatArray:
         if self.pressure_rate:
             return np.array([1.0, 1.0 / self.walls[0].pressure_load])
@@ -453,12 +521,20 @@ class OpenBalloon:
 
 
 def _voltage_scale(membranes: Sequence[AnyMembrane]) -> float:
-    """The smallest coordinate v (voltage or charge) that matters to a membrane: √(2/b), one over its rate."""
+    """The smallest v that matters to a membrane: √(2/b), one over its rate; of a wave at most a period."""
     return min(
         (
-            float(np.sqrt(2.0 / m.electric_load)) / abs(m.rate)
+            min(float(np.sqrt(2.0 / m.electric_load)) / (2.0 * np.pi * abs(m.amplitude)), 1.0)
+            if isinstance(m, OscillatingMembrane)
+            else float(np.sqrt(2.0 / m.electric_load)) / abs(m.rate)
             for m in membranes
-            if isinstance(m, ElectrodedMembrane | ChargedMembrane) and m.rate
+            if isinstance(m, OscillatingMembrane)
+            or (isinstance(m, ElectrodedMembrane | ChargedMembrane) and m.rate)
         ),
         default=1.0,
     )
+
+
+def _longest_step(membranes: Sequence[AnyMembrane]) -> float:
+    """An eighth of a period of a voltage that oscillates: work integrals over it are good to 1e-10."""
+    return 0.125 if any(isinstance(m, OscillatingMembrane) for m in membranes) else np.inf

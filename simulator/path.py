@@ -99,7 +99,9 @@ def follow(
             points, directions, ended = inflated(equations, conditions, start, target)
             return polished(equations, conditions, points, directions, ended, target)
     failure: Exception | None = None
-    for tighter, largest_step in _ATTEMPTS:
+    bound = equations.longest_step / equations.scales[-1]
+    for tighter, largest in _ATTEMPTS:
+        largest_step = min(largest or bound, bound) if bound < _LONGEST else largest
         try:
             points, directions, ended = _integrate(
                 equations, conditions, start, target, max(rtol * tighter, _TIGHTEST), largest_step, effort
@@ -183,7 +185,10 @@ def _integrate(
     if abs(direction[-1]) < _UPRIGHT * equations.scales[-1]:
         # On a limit point v does not tell which way is ahead. It is where the state grows stable.
         direction = equilibrium.tangent_at_end(equations, start, direction)
-        direction *= np.sign(conditions[0].slope(start) @ direction) or 1.0
+        values = start.tolist()
+        # A trace knows several; it begins beside one of them.
+        nearest = min(conditions, key=lambda c: (c.kind != "limit_point", abs(float(c.margin(values)))))
+        direction *= np.sign(nearest.slope(start) @ direction) or 1.0
     return along(
         equations.residual,
         lambda values: equations.linearised(values)[1],

@@ -384,7 +384,10 @@ def _check_end(
     end: str | None,
 ) -> None:
     """The margin that ended a piece falls there. Where it rises, a root just before it was overlooked."""
-    place = next((i for i, condition in enumerate(conditions) if condition.kind == end), None)
+    last = states[:, -1].tolist()
+    # Of several of one kind (limit points, as a trace knows them) the one that is zero there.
+    ended = [i for i, condition in enumerate(conditions) if condition.kind == end]
+    place = min(ended, key=lambda i: abs(float(conditions[i].margin(last))), default=None)
     if place is None or float(conditions[place].slope(states[:, -1]) @ tangents[:, -1]) <= 1e-9:
         return
     weights = 1.0 / equations.scales**2

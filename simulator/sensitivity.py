@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 from simulator import assembly
 from simulator.assembly import Electrodes
 from simulator.device import Device
-from simulator.drive import VoltageLine
+from simulator.drive import VoltageCurve, VoltageLine
 from simulator.history import Event, EventKind, History
 from simulator.keys import changed_scenario, number_at, physical_keys
-from simulator.scenario import Charge, Inflate
+from simulator.scenario import Charge, Inflate, Sine, SineByName, duration
 
 if TYPE_CHECKING:
     from simulator.assembly import AnyEquations
@@ -91,7 +91,8 @@ def sensitivities(
     Raises
     ------
     ValueError
-        If the event is no limit point.
+        If the event is no limit point, is one of given charges or of sines by name, or comes after a step
+        that an `until` ended: where that is moves with the numbers too.
     ArithmeticError
         If its state is not one to rounding.
     """
@@ -120,15 +121,21 @@ def sensitivities(
 def all_sensitivities(history: History) -> tuple[Sensitivity, ...]:
     """`sensitivities` of all limit points of a history, in all numbers of its device.
 
-    Those in voltage or pressure; with `[dynamics]` a limit point is passed late, and there are none.
+    Those in voltage or pressure, along a line and not after a step that an `until` ended; with
+    `[dynamics]` a limit point is passed late, and there are none.
     """
     if history.scenario.dynamics is not None:
         return ()
-    charged = [isinstance(step, Charge) for step in history.scenario.played_steps()]
+    curved = [
+        isinstance(step, Charge) or (isinstance(step, Sine) and isinstance(step.sine, SineByName))
+        for step in history.scenario.played_steps()
+    ]
     turns = [
         event
         for event in history.events
-        if event.kind is EventKind.LIMIT_POINT and not charged[event.step - 1]
+        if event.kind is EventKind.LIMIT_POINT
+        and not curved[event.step - 1]
+        and not _ended_early(history, event)
     ]
     return tuple(one for event in turns for one in sensitivities(history, event))
 
@@ -159,9 +166,16 @@ class _Here:
         pressure = float(history.pressure[rows[-1]]) if rows.size else 0.0
         charge = history.charge[rows[-1]] if rows.size else np.zeros(len(history.electroded))
         electrodes = Electrodes(voltage.tolist(), charge.tolist(), assembly.given_by(step) or "voltage")
-        line, _ = assembly.motion(step, history.electroded, electrodes, pressure)
+        legs = assembly.motion(step, history.electroded, electrodes, pressure)
+        begun = float(history.time[rows[-1]]) if rows.size else 0.0
+        share = (event.time - begun) / duration(step)
+        line = next((leg for leg in legs if share <= leg.end), legs[-1]).way
         if line.quantity == "charge":
             raise ValueError(f"limit point at time {event.time}: of a charge, not of a voltage")
+        if isinstance(line, VoltageCurve):
+            raise ValueError(f"limit point at time {event.time}: of sines by name, not of a voltage")
+        if _ended_early(history, event):
+            raise ValueError(f"limit point at time {event.time}: an until before it moves too")
         is_open = _opens(step)
         if isinstance(step, Inflate):
             line, v = VoltageLine(tuple(voltage.tolist()), (0.0,) * voltage.size), event.pressure_before
@@ -264,6 +278,10 @@ class _Here:
 
     def _gas(self, scenario: Scenario, device: Device, inflated: FloatArray) -> Contents:
         return device.law.sealed(_pressure(scenario, self.number), float(device.swelling(inflated[None])[0]))
+
+
+def _ended_early(history: History, event: Event) -> bool:
+    return any(stop.reached and stop.step < event.step for stop in history.stops)
 
 
 def _opens(step: PlayedStep) -> bool:

@@ -8,8 +8,9 @@ events are merged in order of time, and samples are read off the branches on the
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,22 +19,24 @@ from numpy.typing import NDArray
 from simulator import assembly
 from simulator.assembly import AnyEquations, Electrodes, Group
 from simulator.branch import Branch
+from simulator.course import SAME_INSTANT, Course, courses, state_of
 from simulator.device import Device
-from simulator.drive import Quantity, VoltageLine, Waveform
+from simulator.drive import Leg, Quantity, VoltageLine, Waveform, Way
 from simulator.equilibrium import softest_change
 from simulator.history import EnergyBalance, Event, EventKind, History, Outcome, SolverStatistics
+from simulator.history import Stop as StepEnd
 from simulator.model import OpenBalloon
 from simulator.piece import ULPS
-from simulator.scenario import Charge, Hold, Inflate, Ramp, duration
+from simulator.scenario import Charge, Hold, Inflate, Ramp, duration, until_of
 from simulator.walk import Atlas, Happening, Turn, Walk, by_time, is_slack, loses_tension
 
 if TYPE_CHECKING:
-    from simulator.scenario import PlayedStep, Scenario
+    from simulator.scenario import PlayedStep, Scenario, Until
+    from simulator.until import Watch
 
 FloatArray = NDArray[np.float64]
 
 _ENDS = ("loss_of_tension", "breakdown", "runaway", "out_of_range")
-_SAME_INSTANT = 1e-12  # fractions of a step closer than this are one
 
 
 class SolverError(RuntimeError):
@@ -85,6 +88,12 @@ def simulate(scenario: Scenario, *, progress: Callable[[float], None] | None = N
     return run.history()
 
 
+def _watch(ends: Until, device: Device) -> Watch:
+    from simulator.until import Watch  # a run without `until` does without
+
+    return Watch.over(ends, device)
+
+
 def _creeping(scenario: Scenario) -> _Run:
     """A run in real time; its room is entered by those who ask for it."""
     from simulator.creeping import CreepingRun
@@ -128,6 +137,7 @@ class _Run:
         self.outcome = Outcome.COMPLETED
         self.rows = _Rows()
         self.events: list[Event] = []
+        self.stops: list[StepEnd] = []
         self.jumps = 0
         self.electrical_work = self.gas_work = self.stored = self.dissipated = 0.0
         self.started = time.perf_counter()
@@ -147,6 +157,9 @@ class _Run:
         self.number = number
         start, lasts = self.clock, duration(step)
         opens = isinstance(step, Inflate) or step.valve == "open"
+        ends = until_of(step)
+        watch = _watch(ends, self.device) if ends else None
+        before = self._distances(watch)
         if not self.rows.time:
             self.is_open = opens
             self._note_now()
@@ -156,33 +169,41 @@ class _Run:
             self._release(assembly.held_open(self.device, self._electrodes().line, pressure=self.pressure))
         self.is_open = opens
         if self.outcome is Outcome.COMPLETED:
-            line, waveform = assembly.motion(
-                step, self.scenario.electroded, self._electrodes(), self.pressure
-            )
+            legs = assembly.motion(step, self.scenario.electroded, self._electrodes(), self.pressure)
             # Ramps begin where they are.
             jumps = not isinstance(step, Inflate | Hold | Ramp | Charge)
-            jumped = jumps and self._jump_to(line, float(waveform.values[0]))
+            jumped = jumps and self._jump_to(legs[0].way, float(legs[0].waveform.values[0]))
             if connects and not jumped:
                 self._release_at_voltages()
-            if self.outcome is Outcome.COMPLETED and lasts > 0.0:
-                inflates = isinstance(step, Inflate)
-                groups = assembly.inflating(self.device, line) if inflates else self._actuated(line)
-                self._move(groups, line, waveform, start, lasts)
-            if isinstance(step, Charge):
-                self.charge = line.at(float(waveform.values[-1]))
+            reached = self._passed(watch, before)
+            if self.outcome is Outcome.COMPLETED and lasts > 0.0 and reached is None:
+                reached = self._travel(step, legs, start, lasts, watch)
+            if watch:
+                self.stops.append(StepEnd(number, self.clock, reached))
         if opens:
             self._seal()
 
-    def _actuated(self, line: VoltageLine) -> list[Group]:
-        """What moves with the voltages along a line, as the valve stands."""
+    def _actuated(self, way: Way) -> list[Group]:
+        """What moves with the voltages along a way, as the valve stands."""
         if self.is_open:
-            return assembly.actuated_open(self.device, line, pressure=self.pressure)
-        return assembly.actuated(self.device, line, gas=self.gas)
+            return assembly.actuated_open(self.device, way, pressure=self.pressure)
+        return assembly.actuated(self.device, way, gas=self.gas)
 
     def _state(self, group: Group, v: float) -> FloatArray:
         """The present state as a group's unknowns, at drive coordinate v."""
-        stretches = self.stretch[list(group.members)]
-        return np.array([*stretches, self.pressure, v] if group.equations.has_pressure else [*stretches, v])
+        return state_of(group, self.stretch, self.pressure, v)
+
+    def _distances(self, watch: Watch | None) -> list[float]:
+        """How far the device is from each value that a step waits for."""
+        present = self.device, self.stretch, self.pressure, self.voltage
+        return [quantity.distance(*present) for quantity in watch.quantities] if watch else []
+
+    def _passed(self, watch: Watch | None, before: list[float]) -> str | None:
+        """The first value that a jump has passed over."""
+        if watch is None:
+            return None
+        distances = zip(watch.quantities, before, self._distances(watch), strict=True)
+        return next((quantity.label for quantity, a, b in distances if a * b < 0.0), None)
 
     def _electrodes(self) -> Electrodes:
         """The electrodes as they are now."""
@@ -233,11 +254,12 @@ class _Run:
         if groups:
             self._turn(groups, line, turns, [self._state(g, 0.0) for g in groups])
 
-    def _jump_to(self, line: VoltageLine, v: float) -> bool:
+    def _jump_to(self, way: Way, v: float) -> bool:
         """Voltages change at once to those at v, and the old state relaxes under them; whether they do."""
-        target = line.at(v)
-        if np.all(np.abs(target - self.voltage) <= ULPS * np.abs(target)):
-            return False  # where several voltages move along one line, their last digits are not exact
+        target = way.at(v)
+        largest = max(float(np.abs(target).max()), float(np.abs(self.voltage).max()))
+        if np.abs(target - self.voltage).max() <= ULPS * largest:
+            return False  # where several voltages move along one way, their last digits are not exact
         across = VoltageLine.through(self.voltage.tolist(), target.tolist())
         old, new = across.coordinate(self.voltage.tolist()), across.coordinate(target.tolist())
         groups = self._actuated(across)
@@ -265,21 +287,48 @@ class _Run:
 
     # -- what moves ----------------------------------------------------------------------------------
 
-    def _move(
-        self, groups: list[Group], line: VoltageLine, waveform: Waveform, start: float, lasts: float
-    ) -> None:
-        """Walk all groups through the step, then read samples and events off their walks in order of time."""
+    def _groups(self, step: PlayedStep, leg: Leg) -> list[Group]:
+        """The sets of equations that move in a leg of a step."""
+        if isinstance(step, Inflate):
+            return assembly.inflating(self.device, leg.way)
+        return self._actuated(leg.way)
+
+    def _travel(
+        self, step: PlayedStep, legs: Sequence[Leg], start: float, lasts: float, watch: Watch | None
+    ) -> str | None:
+        """Read samples and events off the courses of a step, and say what ended it early, if anything did."""
+        groups_of = partial(self._groups, step)
+        found: Iterable[Course] = courses(self.atlas, legs, groups_of, self.stretch, self.pressure, watch)
+        last = 1.0
+        if watch is not None:
+            # Samples are spread over what is played: how far that is comes first.
+            found = list(found)
+            end = found[-1]
+            last = end.leg.of_step(end.stop.fraction) if end.stop else 1.0
+        fractions = last * self._grid(last * lasts) if last else np.zeros(1)
+        reached = None
+        for course in found:
+            self._move(course, fractions, start, lasts)
+            reached = course.stop.reached if course.stop else None
+            if self.outcome is not Outcome.COMPLETED:
+                break
+        return reached
+
+    def _move(self, course: Course, fractions: FloatArray, start: float, lasts: float) -> None:
+        """Read samples, at fractions of the step, and events off the walks of one leg, in order of time."""
+        leg, walks, stop = course.leg, course.walks, course.stop
+        line, waveform = leg.way, leg.waveform
+        fractions = leg.within(fractions)
+        fractions = fractions[fractions <= 1.0 + SAME_INSTANT]
+        start, lasts = start + lasts * leg.start, lasts * (leg.end - leg.start)
         values = waveform.values
-        if np.all(values == values[0]):
-            groups = []
+        groups = [walk.group for walk in walks]
         v = float(values[0])
-        walks = [self.atlas.walk(group, self._state(group, v), waveform) for group in groups]
         at = [walk.branch for walk in walks]
         since = [v] * len(walks)
-        fractions = self._grid(lasts)
         passed = 0.0
-        for fraction, turns in by_time(walks, _SAME_INSTANT):
-            between = (fractions > passed + _SAME_INSTANT) & (fractions < fraction - _SAME_INSTANT)
+        for fraction, turns in by_time(walks, SAME_INSTANT):
+            between = (fractions > passed + SAME_INSTANT) & (fractions < fraction - SAME_INSTANT)
             self._read(walks, at, line, waveform, fractions[between], start, lasts)
             passed = fraction
             self.clock = start + lasts * fraction
@@ -297,20 +346,35 @@ class _Run:
                 for place in set(range(len(walks))) - set(turns):
                     self._book_stay(walks[place], at[place], since[place], v)
                 return
-        rest = fractions[fractions > passed + _SAME_INSTANT]
-        if not rest.size and values[-1] != v:
-            rest = fractions[-1:]  # however near an event was: the next step begins where this one ends
+        rest = fractions[fractions > passed + SAME_INSTANT]
+        goes_on = stop is None and values[-1] != v
+        if not rest.size and goes_on:
+            # However near an event was: what follows begins where this ends.
+            rest = fractions[fractions > 1.0 - SAME_INSTANT][-1:]
         failure = next((walk.failure for walk in walks if walk.failure is not None), None)
         if failure is not None:
             rest = rest[: _leading(rest, waveform, at)]
-        self._read(walks, at, line, waveform, rest, start, lasts)
+        end = stop.state if stop else None
+        self._read(walks, at, line, waveform, rest if end is None else rest[:-1], start, lasts)
         if failure is not None:
             self.clock = float(self.rows.time[-1][-1])
             raise failure
-        v = float(values[-1])
+        v = stop.v if stop else float(values[-1])
         for walk, branch, v0 in zip(walks, at, since, strict=True):
             self._book_stay(walk, branch, v0, v)
-        self.clock = start + lasts
+        far = stop.fraction if stop else 1.0
+        self.clock = start + lasts * far
+        if self.given == "charge":
+            self.charge = line.at(v)
+        noted = max(passed, float(rest[-1]) if rest.size else 0.0)
+        if end is not None or noted < far - SAME_INSTANT or (goes_on and not rest.size):
+            states = [branch.state_at(v) for branch in at if branch is not None]
+            if end is not None:
+                states[end[0]] = end[1]
+            present = self._compose(groups, line, np.array([v]), [y[:, None] for y in states])
+            self.stretch, self.pressure, self.voltage = present[0][0], float(present[1][0]), present[2][0]
+        if end is not None:
+            self._note_now()
 
     def _grid(self, lasts: float) -> FloatArray:
         """Fractions of a step at which samples are wanted."""
@@ -325,7 +389,7 @@ class _Run:
         self,
         walks: Sequence[Walk],
         at: Sequence[Branch | None],
-        line: VoltageLine,
+        line: Way,
         waveform: Waveform,
         fractions: FloatArray,
         start: float,
@@ -339,7 +403,7 @@ class _Run:
         self._note(start + lasts * fractions, *self._compose([w.group for w in walks], line, v, states))
 
     def _compose(
-        self, groups: Sequence[Group], line: VoltageLine, v: FloatArray, states: Sequence[FloatArray]
+        self, groups: Sequence[Group], line: Way, v: FloatArray, states: Sequence[FloatArray]
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Stretches (n, n_balloons), pressure (n,), voltages (n, n_electroded) from the groups' states."""
         stretch = np.repeat(self.stretch[None], v.size, axis=0)
@@ -350,7 +414,7 @@ class _Run:
         return stretch, pressure, self.device.voltage(line, v, stretch)
 
     def _turn(
-        self, groups: Sequence[Group], line: VoltageLine, turns: dict[int, Turn], states: list[FloatArray]
+        self, groups: Sequence[Group], line: Way, turns: dict[int, Turn], states: list[FloatArray]
     ) -> None:
         """Record what happens to some groups at one instant, round by round; the others stay."""
         states = list(states)
@@ -375,7 +439,7 @@ class _Run:
             self._note_event(kind, stretch, pressure, stretch_after, pressure_after, lost, voltage_after)
 
     def _instant(
-        self, groups: Sequence[Group], line: VoltageLine, states: Sequence[FloatArray]
+        self, groups: Sequence[Group], line: Way, states: Sequence[FloatArray]
     ) -> tuple[FloatArray, float, FloatArray]:
         stretch, pressure, voltage = self._compose(groups, line, states[0][-1:], [y[:, None] for y in states])
         return stretch[0], float(pressure[0]), voltage[0]
@@ -505,6 +569,7 @@ class _Run:
         pressure, gas = np.concatenate(rows.pressure), np.concatenate(rows.gas)
         is_open, charged = np.concatenate(rows.is_open), np.concatenate(rows.charged)
         volume, charge = device.volume(stretch), device.charge(stretch, voltage)
+        true_field, strength = device.field(stretch, voltage), device.breakdown_field(stretch)
         books = EnergyBalance(
             self.electrical_work,
             self.gas_work,
@@ -526,7 +591,7 @@ class _Run:
             pressure=pressure,
             volume=volume,
             gas=gas,
-            field=device.field(stretch, voltage),
+            field=true_field,
             charge=charge,
             energy=device.energy(stretch, pressure, voltage, gas, is_open, charged),
             stability=device.stability(stretch, pressure, voltage, gas, is_open, charged),
@@ -542,4 +607,8 @@ class _Run:
                 sum(event.kind in (EventKind.LIMIT_POINT, EventKind.BRANCH_POINT) for event in self.events),
                 time.perf_counter() - self.started,
             ),
+            stops=tuple(self.stops),
+            rated=tuple(self.scenario.electroded[place] for place in device.rated),
+            strength=strength,
+            margin=1.0 - np.abs(true_field[:, list(device.rated)]) / strength,
         )

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from simulator.curve import Curve, FoldCurve
-    from simulator.history import FloatArray, History
+    from simulator.history import FloatArray, History, Verdict
     from simulator.scenario.presets import Material
     from simulator.units import Dimension, Scales
 
@@ -80,10 +80,31 @@ def summarise_run(history: History, paths: list[Path]) -> None:
             print(f"         … and {hidden} more, in events.csv")
     else:
         print("events   none")
+    for stop in history.stops[:EVENTS_SHOWN]:
+        how = f"ended at time {stop.time:.10g}{second} by {stop.reached}" if stop.reached else "not reached"
+        print(f"until    step {stop.step}: {how}")
+    if len(history.stops) > EVENTS_SHOWN:
+        print(f"         … and {len(history.stops) - EVENTS_SHOWN} more, in run.json")
+    for verdict in history.verdicts:
+        print(f"film     {_told(verdict, history.scenario.scales)}")
     balance, statistics = history.energy_balance, history.statistics
     print(f"energy   closes to {balance.relative_imbalance:.1e} of the work exchanged")
     print(f"cost     {statistics.seconds:.3f} s, {statistics.ida_steps} IDA steps, {len(history)} samples")
     print(f"files    {paths[0].parent}: {', '.join(path.name for path in paths)}")
+
+
+def _told(verdict: Verdict, scales: Scales | None) -> str:
+    """How a film fared, in words."""
+    where = f"at time {verdict.time:.7g}{' s' if scales else ''}, step {verdict.step}"
+    field, strength = (
+        units.said(units.FIELD, value * scales.field) if scales else _short(value)
+        for value in (verdict.field, verdict.strength)
+    )
+    field = f"field {field}, strength {strength}"
+    if verdict.broke:
+        during = {"path": "on the path", "snap": "in the snap", "jump": "at the jump"}[verdict.broke]
+        return f"{verdict.balloon}: broke {during} {where}: {field}"
+    return f"{verdict.balloon}: survived; closest {where}: {field}, margin {verdict.margin:.3g}"
 
 
 def summarise_trace(curves: Sequence[Curve], paths: list[Path], *, asked: bool) -> None:

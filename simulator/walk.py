@@ -18,10 +18,12 @@ from simulator.branch import Branch, BranchEnd, beside
 from simulator.charged import ChargedMembrane
 from simulator.drive import Waveform
 from simulator.equilibrium import escape_direction, is_fold, parting_direction
-from simulator.model import ElectrodedMembrane, SealedBalloons
+from simulator.model import ElectrodedMembrane, OscillatingMembrane, SealedBalloons
 from simulator.path import Effort, PathError
 
 FloatArray = NDArray[np.float64]
+
+_SOON = 1e-4  # of a period: where it is seen whether a voltage rises
 
 LOSS_OF_TENSION = "loss_of_tension"
 
@@ -200,8 +202,13 @@ def loses_tension(equations: AnyEquations, state: FloatArray, target: float) -> 
     for membrane in equations.membranes:
         if isinstance(membrane, ElectrodedMembrane | ChargedMembrane):
             now, change = membrane.offset + membrane.rate * v, membrane.rate * (target - v)
-            if now * change > 0.0 or (now == 0.0 and change != 0.0):
-                return True
+        elif isinstance(membrane, OscillatingMembrane):
+            now = membrane.voltage(v)
+            change = membrane.voltage(v + _SOON * (target - v)) - now
+        else:
+            continue
+        if now * change > 0.0 or (now == 0.0 and change != 0.0):
+            return True
     return False
 
 

@@ -284,9 +284,9 @@ def test_machine_names_processor_and_versions():
 # -- what is left out ------------------------------------------------------------------------------------
 
 ROOMS = {
-    "arrival", "assembly", "branch", "charged", "device", "drive", "elastomer", "equilibrium", "events",
-    "flow", "gas", "history", "inflation", "model", "nearby", "path", "piece", "scenario", "simulation",
-    "spectrum", "units", "walk",
+    "arrival", "assembly", "branch", "charged", "course", "device", "drive", "elastomer", "equilibrium",
+    "events", "flow", "gas", "history", "inflation", "model", "nearby", "path", "piece", "scenario",
+    "simulation", "spectrum", "strength", "units", "walk",
 }  # fmt: skip
 LIBRARIES = {
     "annotated_types",

@@ -8,11 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simulator.device import Device, smallest_eigenvalue
-from simulator.drive import VoltageLine
+from simulator.drive import VoltageCurve, VoltageLine
 from simulator.events import conditions, softest_mode, stability
 from simulator.gas import IdealGas
-from simulator.model import ElectrodedMembrane, Membrane
+from simulator.model import ElectrodedMembrane, Membrane, OscillatingMembrane
 from simulator.scenario import load_scenario
+from simulator.strength import ConstantStrength, PowerStrength
 
 STEP = 1e-30
 
@@ -46,6 +47,10 @@ def systems():
         "sealed pair": device(2, (0,)).sealed(IdealGas(3.0, 0.3), VoltageLine.common(1)),
         "sealed one": device(1, (0,)).sealed(IdealGas(1.0, 0.3), VoltageLine.common(1)),
         "actuated": three.actuated(2, 0.6, line),
+        "sealed on a curve": three.sealed(
+            IdealGas(5.0, 0.3), VoltageCurve((0.1, 0.2), (0.3, -0.2), (0.1, 0.7))
+        ),
+        "actuated on a curve": three.actuated(2, 0.6, VoltageCurve((0.1, 0.2), (0.0, 0.4), (0.0, 0.3))),
         "inflated": three.inflated(0, [0.2, 0.1]),
     }
 
@@ -116,7 +121,7 @@ def test_margins_of_arrays_are_those_of_floats():
     for system in SYSTEMS.values():
         count = len(system.walls)
         y = np.array([state_of(system, [x, x + 0.3, x + 0.8], 0.5, 0.1) for x in (1.1, 2.0, 3.0)]).T
-        for condition in conditions(system, [9.0] * count):
+        for condition in conditions(system, [PowerStrength(9.0, 0.4)] * count):
             each = [condition.margin(column.tolist()) for column in y.T]
             assert np.asarray(condition.margin(y)) == pytest.approx(each, rel=1e-12, abs=1e-13)
 
@@ -137,19 +142,37 @@ def test_only_what_moves_has_electrical_terms():
     held = three.sealed(IdealGas(1.0, 0.3), VoltageLine((0.0, 0.2), (1.0, 0.0)))
     assert [type(m) for m in held.membranes] == [ElectrodedMembrane, Membrane, ElectrodedMembrane]
     assert type(three.inflated(0, [0.0, 0.0]).membrane) is Membrane
+    waves = three.sealed(IdealGas(1.0, 0.3), VoltageCurve((0.0, 0.2), (0.3, 0.0), (0.0, 0.0)))
+    assert [type(m) for m in waves.membranes] == [OscillatingMembrane, Membrane, ElectrodedMembrane]
+    rest = three.sealed(IdealGas(1.0, 0.3), VoltageCurve((0.0, 0.2), (0.0, 0.1), (0.0, 0.0)))
+    assert [type(m) for m in rest.membranes] == [Membrane, Membrane, OscillatingMembrane]
+
+
+def test_a_step_along_a_curve_is_no_longer_than_an_eighth_of_a_period():
+    three = device()
+    curve = VoltageCurve((0.1, 0.2), (0.3, 0.0), (0.0, 0.0))
+    assert (
+        three.sealed(IdealGas(1.0, 0.3), curve).longest_step
+        == three.actuated(0, 0.5, curve).longest_step
+        == 0.125
+    )
+    assert three.sealed(IdealGas(1.0, 0.3), VoltageLine.common(2)).longest_step == np.inf
+    tiny = three.sealed(IdealGas(1.0, 0.3), VoltageCurve((0.1, 0.2), (1e-9, 0.0), (0.0, 0.0)))
+    assert tiny.scales[-1] == 1.0
 
 
 def test_conditions_are_those_that_apply():
     three = device()
-    strengths = [9.0, None, None]
+    nine = ConstantStrength(9.0)
+    strengths = [nine, None, None]
     line = VoltageLine.common(2)
     assert [c.kind for c in conditions(three.sealed(IdealGas(1.0, 0.3), line), strengths)] == [
         "limit_point",
         "loss_of_tension",
         "breakdown",
     ]
-    assert [c.kind for c in conditions(three.inflated(0, [0.0, 0.0]), [9.0])] == ["limit_point"]
-    assert [c.kind for c in conditions(three.actuated(0, 0.5, line), [9.0])] == ["limit_point", "breakdown"]
+    assert [c.kind for c in conditions(three.inflated(0, [0.0, 0.0]), [nine])] == ["limit_point"]
+    assert [c.kind for c in conditions(three.actuated(0, 0.5, line), [nine])] == ["limit_point", "breakdown"]
 
 
 @given(

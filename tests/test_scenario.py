@@ -74,6 +74,8 @@ VOLTAGE = "a number, or a table of one or more numbers by balloon name"
 A_NAME = "a name of letters, digits and _, no digit first"
 TOP = "title, source, scales, gas, balloon, step, dynamics, output, solver"
 IN_GAS = "ambient_pressure, chamber, law, exponent"
+VALUE = "a number > 0, or a table of one or more numbers > 0 by balloon name"
+ENDS = "a table with one or more of event, stretch, pressure, field"
 MODELS = '"gent", "neo-hookean", "mooney-rivlin", "ogden", "arruda-boyce" or "tabulated"'
 MATERIALS = '"VHB-4910", "Sylgard-186" or "natural-rubber"'
 AN_ELASTOMER = 'must be a table such as { model = "gent", J_lim = 100 } or { preset = "VHB-4910" }'
@@ -136,6 +138,70 @@ REFUSED = [
     ("over = 10", "over = 0", [("step.2.over", 0, "must be a number > 0")]),
     (HOLD, "hold = 0", [("step.3.steps.1.hold", 0, "must be a number > 0")]),
     ("jump = 0.1", "jump = true", [("step.3.steps.2.steps.1.jump", True, f"must be {VOLTAGE}")]),
+    # until
+    ("over = 10", "until = 3", [("step.2.until", 3, f"must be {ENDS}")]),
+    ("over = 10", "until = {}", [("step.2.until", {}, f"must be {ENDS}")]),
+    (
+        "over = 10",
+        'until = { event = "breakdown" }',
+        [("step.2.until.event", "breakdown", 'must be "limit_point"')],
+    ),
+    (
+        "over = 10",
+        "until = { stretch = 0, pressure = -1, field = {} }",
+        [
+            ("step.2.until.stretch", 0, f"must be {VALUE}"),
+            ("step.2.until.pressure", -1, "must be a number > 0"),
+            ("step.2.until.field", {}, f"must be {VALUE}"),
+        ],
+    ),
+    (
+        "over = 10",
+        "until = { stretch = { active = -2 } }",
+        [("step.2.until.stretch.active", -2, "must be a number > 0")],
+    ),
+    (
+        "over = 10",
+        "until = { field = { active = inf } }",
+        [("step.2.until.field.active", np.inf, "must be a finite number > 0")],
+    ),
+    (
+        "over = 10",
+        "until = { field = inf }",
+        [("step.2.until.field", np.inf, f"must be {VALUE.replace('a number', 'a finite number')}")],
+    ),
+    (
+        "over = 10",
+        "until = { volume = 1 }",
+        [("step.2.until.volume", 1, "unknown key, allowed here: event, stretch, pressure, field")],
+    ),
+    (
+        "over = 10",
+        "until = { stretch = { third = 2 }, field = { passive = 3, active = 1 } }",
+        [
+            ("step.2.until.stretch.third", 2.0, "no such balloon, must be one of active, passive"),
+            ("step.2.until.field.passive", 3.0, "has no electrodes, must be one of active"),
+        ],
+    ),
+    (
+        "over = 10",
+        'valve = "open"\nuntil = { pressure = 1 }',
+        [("step.2.until.pressure", 1.0, "needs the valve closed, open it keeps the pressure")],
+    ),
+    (
+        '{ model = "neo-hookean" }',
+        '{ model = "neo-hookean" }\nelectrodes = true\n'
+        "[[step]]\nramp = 1\nuntil = { stretch = 2, field = 3 }",
+        [
+            ("step.1.until.stretch", 2.0, "must be a table by balloon name, active, passive have electrodes"),
+            ("step.1.until.field", 3.0, "must be a table by balloon name, active, passive have electrodes"),
+        ],
+    ),
+    (
+        HOLD,
+        "hold = 5, until = { pressure = 1 }",
+        [("step.3.steps.1.until", {"pressure": 1}, "unknown key, allowed here: hold, valve")],
+    ),
     ("cycle = 3", "cycle = 0", [("step.3.cycle", 0, "must be a whole number >= 1")]),
     ("cycle = 3", "cycle = 2.5", [("step.3.cycle", 2.5, "must be a whole number >= 1")]),
     ("cycle = 3", "cycle = true", [("step.3.cycle", True, "must be a whole number >= 1")]),
@@ -271,9 +337,50 @@ REFUSED = [
     (
         "field = 12.0",
         "field = 12, x = 1",
-        [("balloon.active.breakdown.x", 1, "unknown key, allowed here: field")],
+        [("balloon.active.breakdown.x", 1, "unknown key, allowed here: law, field")],
     ),
-    (RAMP, "ramp = 0.2\novr = 10", [("step.2.ovr", 10, "unknown key, allowed here: ramp, over, valve")]),
+    (
+        "field = 12.0",
+        'law = "weibull", field = 12.0',
+        [("balloon.active.breakdown.law", "weibull", 'must be "constant" or "power"')],
+    ),
+    (
+        "field = 12.0",
+        'law = "power", field = 12.0',
+        [
+            ("balloon.active.breakdown.stretch_exponent", None, "is missing, must be a number"),
+            ("balloon.active.breakdown.thickness_exponent", None, "is missing, must be a number"),
+        ],
+    ),
+    (
+        "field = 12.0",
+        'law = "power", field = -1, stretch_exponent = inf, thickness_exponent = 0, exponent = 1',
+        [
+            ("balloon.active.breakdown.field", -1, "must be a number > 0"),
+            ("balloon.active.breakdown.stretch_exponent", np.inf, "must be a finite number"),
+            (
+                "balloon.active.breakdown.exponent",
+                1,
+                "unknown key, allowed here: law, field, stretch_exponent, thickness_exponent",
+            ),
+        ],
+    ),
+    (
+        "breakdown = { field = 12.0 }",
+        "breakdown = 12.0",
+        [("balloon.active.breakdown", 12.0, "must be a table such as { field = 12 }")],
+    ),
+    (
+        "field = 12.0",
+        'law = "constant"',
+        [("balloon.active.breakdown.field", None, "is missing, must be a number > 0")],
+    ),
+    ("{ field = 12.0 }", "{}", [("balloon.active.breakdown", {}, "must be a table such as { field = 12 }")]),
+    (
+        RAMP,
+        "ramp = 0.2\novr = 10",
+        [("step.2.ovr", 10, "unknown key, allowed here: ramp, over, valve, until")],
+    ),
     (RAMP, "jump = 0.2\nover = 10", [("step.2.over", 10, "unknown key, allowed here: jump, valve")]),
     (HOLD, "hold = 5, over = 1", [("step.3.steps.1.over", 1, "unknown key, allowed here: hold, valve")]),
     (
@@ -318,6 +425,52 @@ REFUSED = [
         HOLD,
         "sine = 0.1",
         [("step.3.steps.1.sine", 0.1, "must be a table of mean, amplitude, period, cycles")],
+    ),
+    # waves by name
+    (
+        HOLD,
+        "sine = { active = { mean = 0, amplitude = nan, phse = 1 }, cycles = 0 }",
+        [
+            ("step.3.steps.1.sine.period", None, "is missing, must be a number > 0"),
+            ("step.3.steps.1.sine.cycles", 0, "must be a number > 0"),
+            ("step.3.steps.1.sine.active.amplitude", ..., "must be a finite number"),
+            ("step.3.steps.1.sine.active.phse", 1, "unknown key, allowed here: mean, amplitude, phase"),
+        ],
+    ),
+    (
+        HOLD,
+        "sine = { active = { mean = 0, amplitude = 1 }, mean = 0, period = 1, cycles = 1 }",
+        [("step.3.steps.1.sine.mean", 0, "must be a table of mean, amplitude, phase")],
+    ),
+    (
+        HOLD,
+        "sine = { passive = { mean = 0, amplitude = 1 }, third = { mean = 0, amplitude = 1 }, "
+        "period = 1, cycles = 1 }",
+        [
+            (
+                "step.3.steps.1.sine.passive",
+                {"mean": 0.0, "amplitude": 1.0},
+                "has no electrodes, must be one of active",
+            ),
+            (
+                "step.3.steps.1.sine.third",
+                {"mean": 0.0, "amplitude": 1.0},
+                "no such balloon, must be one of active",
+            ),
+        ],
+    ),
+    (
+        HOLD,
+        "triangle = { active = { low = 0, phase = true }, period = 1, cycles = 1 }",
+        [
+            ("step.3.steps.1.triangle.active.high", None, "is missing, must be a number"),
+            ("step.3.steps.1.triangle.active.phase", True, "must be a number"),
+        ],
+    ),
+    (
+        HOLD,
+        "triangle = { active = 1, passive = { low = 0, high = 1 }, period = 1, cycles = 1 }",
+        [("step.3.steps.1.triangle.active", 1, "must be a table of low, high, phase")],
     ),
     # what no field sees by itself
     (PASSIVE, ACTIVE, [("balloon.2.name", "active", "must be unique, balloon 1 has this name too")]),
@@ -641,20 +794,49 @@ positive = st.floats(min_value=1e-6, max_value=1e6) | st.integers(1, 10**6)
 number = st.floats(-1e6, 1e6) | st.integers(-(10**6), 10**6)
 valve = st.sampled_from(["closed", "open"])
 text = st.text(min_size=1).filter(str.strip)
+value = positive | st.dictionaries(st.just("a"), positive, min_size=1)
+until = st.fixed_dictionaries(
+    {}, optional={"event": st.just("limit_point"), "stretch": value, "pressure": positive, "field": value}
+).filter(bool)
 voltage = number | st.dictionaries(st.just("a"), number, min_size=1)
 wave = {"period": positive, "cycles": positive}
 played = st.one_of(
     st.fixed_dictionaries({"inflate": st.floats(0, 1e6)}, optional={"over": positive}),
+    st.fixed_dictionaries({"ramp": voltage}, optional={"over": positive, "until": until}),
     st.fixed_dictionaries({"ramp": voltage}, optional={"over": positive, "valve": valve}),
     st.fixed_dictionaries({"hold": positive}, optional={"valve": valve}),
     st.fixed_dictionaries({"jump": voltage}, optional={"valve": valve}),
     st.fixed_dictionaries(
         {"sine": st.fixed_dictionaries({"mean": number, "amplitude": number, **wave})},
+        optional={"valve": st.just("closed"), "until": until},
+    ),
+    st.fixed_dictionaries(
+        {
+            "sine": st.fixed_dictionaries(
+                {
+                    "a": st.fixed_dictionaries(
+                        {"mean": number, "amplitude": number}, optional={"phase": number}
+                    ),
+                    **wave,
+                }
+            )
+        },
+        optional={"valve": valve},
+    ),
+    st.fixed_dictionaries(
+        {
+            "triangle": st.fixed_dictionaries(
+                {
+                    "a": st.fixed_dictionaries({"low": number, "high": number}, optional={"phase": number}),
+                    **wave,
+                }
+            )
+        },
         optional={"valve": valve},
     ),
     st.fixed_dictionaries(
         {"triangle": st.fixed_dictionaries({"low": number, "high": number, **wave})},
-        optional={"valve": valve},
+        optional={"valve": st.just("closed"), "until": until},
     ),
 )
 step = st.recursive(
@@ -670,7 +852,18 @@ elastomer = st.fixed_dictionaries({"model": st.just("gent"), "J_lim": positive})
 )
 active = st.fixed_dictionaries(
     {"name": st.just("a"), "electrodes": st.just(True), "elastomer": elastomer},
-    optional={**ratios, "breakdown": st.fixed_dictionaries({"field": positive})},
+    optional={
+        **ratios,
+        "breakdown": st.fixed_dictionaries({"field": positive}, optional={"law": st.just("constant")})
+        | st.fixed_dictionaries(
+            {
+                "law": st.just("power"),
+                "field": positive,
+                "stretch_exponent": number,
+                "thickness_exponent": number,
+            }
+        ),
+    },
 )
 passive = st.fixed_dictionaries(
     {"name": st.sampled_from(["b", "β", "_b1"]), "elastomer": elastomer}, optional=ratios

@@ -148,6 +148,29 @@ def test_every_shipped_scenario_traces(file):
     assert np.isfinite(curve.energy).all()
 
 
+@pytest.mark.parametrize(("count", "ambient"), [(2, 0.5), (2, 0.015), (3, 0.5)])
+def test_equal_actuators_trace_through_their_branch_point_and_on(count, ambient):
+    """On the symmetric path all are alike: its limit point is that of one balloon on its share of gas."""
+    gent = {"model": "gent", "J_lim": 100}
+
+    def made(names):
+        balloons = [{"name": name, "electrodes": True, "elastomer": gent} for name in names]
+        return load_scenario(
+            {
+                "title": "equal",
+                "gas": {"ambient_pressure": ambient},
+                "balloon": balloons,
+                "step": [{"inflate": 1.2}],
+            }
+        )
+
+    curve, alone = trace(made("abc"[:count])), trace(made("a"))
+    (fold,), (own,) = special(curve, "limit_point")[:1], special(alone, "limit_point")[:1]
+    assert special(curve, "branch_point")[0].arclength < fold.arclength
+    assert fold.stretch == pytest.approx([own.stretch[0]] * count, abs=1e-9)
+    assert fold.voltage[0] == pytest.approx(own.voltage[0], abs=1e-11)
+
+
 @pytest.mark.parametrize(("name", "kept"), [("5b_b", 6.02643177), ("5c_b", 6.05890575)])
 def test_detached_branches_are_found_when_asked_for(name, kept):
     first, detached = trace_all(scenario(name))

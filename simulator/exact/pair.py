@@ -145,6 +145,8 @@ class SealedPair:
 
 def _as_balloon(written: Any) -> Balloon:
     elastomer: Elastomer = as_written(written.elastomer)
+    if written.breakdown and written.breakdown.law != "constant":
+        raise ValueError("the closed form's histories know a constant breakdown field alone")
     strength = written.breakdown.field if written.breakdown else None
     return Balloon(
         elastomer, written.radius, written.thickness, written.modulus, written.permittivity, strength

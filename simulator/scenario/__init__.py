@@ -6,7 +6,14 @@ in its `description` what it allows; the messages are made from these, so the tw
 """
 
 from simulator.scenario.checks import MAX_SAMPLES
-from simulator.scenario.device import Balloon, Breakdown, Gas, Maxwell
+from simulator.scenario.device import (
+    Balloon,
+    Breakdown,
+    ConstantBreakdown,
+    Gas,
+    Maxwell,
+    PowerBreakdown,
+)
 from simulator.scenario.document import Dynamics, Output, Scenario, Solver, load_scenario
 from simulator.scenario.elastomer import (
     ArrudaBoyce,
@@ -23,6 +30,8 @@ from simulator.scenario.errors import Problem, ScenarioError
 from simulator.scenario.presets import PRESETS
 from simulator.scenario.scales import Reference, dimension_of, dimensionless
 from simulator.scenario.steps import (
+    BalloonSine,
+    BalloonTriangle,
     Charge,
     Cycle,
     Hold,
@@ -31,12 +40,16 @@ from simulator.scenario.steps import (
     PlayedStep,
     Ramp,
     Sine,
+    SineByName,
     SineWave,
     Step,
     Table,
     Triangle,
+    TriangleByName,
     TriangleWave,
+    Until,
     duration,
+    until_of,
 )
 
 __all__ = [
@@ -44,8 +57,11 @@ __all__ = [
     "PRESETS",
     "ArrudaBoyce",
     "Balloon",
+    "BalloonSine",
+    "BalloonTriangle",
     "Breakdown",
     "Charge",
+    "ConstantBreakdown",
     "Cycle",
     "Dynamics",
     "Elastomer",
@@ -60,6 +76,7 @@ __all__ = [
     "Ogden",
     "Output",
     "PlayedStep",
+    "PowerBreakdown",
     "Preset",
     "Problem",
     "Python",
@@ -68,15 +85,19 @@ __all__ = [
     "Scenario",
     "ScenarioError",
     "Sine",
+    "SineByName",
     "SineWave",
     "Solver",
     "Step",
     "Table",
     "Tabulated",
     "Triangle",
+    "TriangleByName",
     "TriangleWave",
+    "Until",
     "dimension_of",
     "dimensionless",
     "duration",
     "load_scenario",
+    "until_of",
 ]

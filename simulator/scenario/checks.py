@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from pydantic import BaseModel
 
 from simulator.scenario.errors import Problem
-from simulator.scenario.steps import Charge, Cycle, Hold, Inflate, Jump, Step, duration, numbered
+from simulator.scenario.steps import (
+    Charge,
+    Cycle,
+    Hold,
+    Inflate,
+    Jump,
+    Step,
+    Until,
+    duration,
+    numbered,
+    until_of,
+)
 
 if TYPE_CHECKING:
     from simulator.scenario.document import Output, Scenario
@@ -26,7 +37,7 @@ def disagreements(scenario: Scenario) -> Iterator[Problem]:
             yield Problem(f"balloon.{index + 1}.name", balloon.name, allowed)
         if balloon.breakdown and not balloon.electrodes:
             key = f"balloon.{balloon.name}.breakdown"
-            yield Problem(key, balloon.breakdown.model_dump(), "needs electrodes = true on this balloon")
+            yield Problem(key, _plain(balloon.breakdown), "needs electrodes = true on this balloon")
         if balloon.maxwell and scenario.dynamics is None:
             key = f"balloon.{balloon.name}.maxwell"
             yield Problem(key, balloon.maxwell.model_dump(), "needs [dynamics] with a relaxation_time")
@@ -47,13 +58,21 @@ def disagreements(scenario: Scenario) -> Iterator[Problem]:
         kind = next(iter(type(step).model_fields))
         voltage = getattr(step, kind)
         if not electroded:
-            value = voltage.model_dump() if isinstance(voltage, BaseModel) else voltage
-            yield Problem(f"{key}.{kind}", value, "needs a balloon with electrodes = true, there is none")
-        elif isinstance(voltage, dict):
-            for name in (name for name in voltage if name not in electroded):
+            yield Problem(
+                f"{key}.{kind}", _plain(voltage), "needs a balloon with electrodes = true, there is none"
+            )
+        elif isinstance(by_name := getattr(voltage, "balloons", voltage), dict):
+            for name in (name for name in by_name if name not in electroded):
+                value = by_name[name]
                 lack = "has no electrodes" if name in names else "no such balloon"
                 allowed = f"{lack}, must be one of {', '.join(electroded)}"
-                yield Problem(f"{key}.{kind}.{name}", voltage[name], allowed)
+                yield Problem(f"{key}.{kind}.{name}", _plain(value), allowed)
+        ends = until_of(step)
+        if ends and scenario.dynamics is not None:
+            # Where a flow in real time passes a value is not looked for.
+            yield Problem(f"{key}.until", _plain(ends), "needs a scenario without [dynamics]")
+        elif electroded and ends:
+            yield from _never(ends, f"{key}.until", names, electroded, step.valve)
     gas = scenario.gas
     if "exponent" in gas.model_fields_set and gas.law != "adiabatic":
         yield Problem("gas.exponent", gas.exponent, f'needs law = "adiabatic", is {gas.law}')
@@ -64,6 +83,31 @@ def disagreements(scenario: Scenario) -> Iterator[Problem]:
         key, value = ("points", output.points) if output.every is None else ("every", output.every)
         allowed = f"must ask for at most {MAX_SAMPLES:,} samples over the whole scenario"
         yield Problem(f"output.{key}", value, allowed)
+
+
+def _plain(value: object) -> object:
+    """A value as it was written."""
+    return value.model_dump(exclude_unset=True) if isinstance(value, BaseModel) else value
+
+
+def _never(
+    ends: Until, key: str, names: Sequence[str], electroded: Sequence[str], valve: str
+) -> Iterator[Problem]:
+    """Ends that a step cannot have."""
+    for what, wanted, known in (
+        ("stretch", ends.stretch, names),
+        ("field", ends.field, electroded),
+    ):
+        if isinstance(wanted, dict):
+            for name in (name for name in wanted if name not in known):
+                lack = "has no electrodes" if name in names else "no such balloon"
+                allowed = f"{lack}, must be one of {', '.join(known)}"
+                yield Problem(f"{key}.{what}.{name}", wanted[name], allowed)
+        elif wanted is not None and len(electroded) > 1:
+            allowed = f"must be a table by balloon name, {', '.join(electroded)} have electrodes"
+            yield Problem(f"{key}.{what}", wanted, allowed)
+    if ends.pressure is not None and valve == "open":
+        yield Problem(f"{key}.pressure", ends.pressure, "needs the valve closed, open it keeps the pressure")
 
 
 def _samples(steps: Iterable[Step], output: Output) -> float:

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, ValidationInfo
 
 from simulator.scenario.elastomer import Elastomer
 from simulator.scenario.fields import (
+    Chosen,
     ElectricField,
     Float,
     Frozen,
     Modulus,
+    Number,
     Permittivity,
     Pressure,
     Radius,
     Thickness,
     Time,
     Volume,
+    refused,
 )
 
 
@@ -37,10 +40,41 @@ class Gas(Frozen):
     exponent: Annotated[Float, Field(gt=1, description="a number > 1")] = 1.4
 
 
-class Breakdown(Frozen):
+class ConstantBreakdown(Frozen):
     """Dielectric breakdown at the true field `field`, in units of √(μ/ε)."""
 
+    law: Annotated[Literal["constant"], Field(description='"constant" or "power"')] = "constant"
     field: ElectricField
+
+
+class PowerBreakdown(Frozen):
+    """Dielectric breakdown at the true field `field`·λ^`stretch_exponent`·(h/H)^`thickness_exponent`.
+
+    λ is the stretch, h the present thickness of the film and H the reference balloon's unstretched one.
+    """
+
+    law: Annotated[Literal["power"], Field(description='"constant" or "power"')]
+    field: ElectricField
+    stretch_exponent: Number
+    thickness_exponent: Number
+
+
+def _breakdown(value: Any, info: ValidationInfo) -> ConstantBreakdown | PowerBreakdown | None:
+    match value:
+        case None:
+            return None
+        case {"law": "power"}:
+            return PowerBreakdown.model_validate(value, context=info.context)
+        case {"field": _} | {"law": _}:
+            return ConstantBreakdown.model_validate(value, context=info.context)
+    raise refused("must be a table such as { field = 12 }", value)
+
+
+Breakdown = Annotated[
+    ConstantBreakdown | PowerBreakdown | None,
+    Chosen(_breakdown),
+    Field(description="a table such as { field = 12 }"),
+]
 
 
 class Maxwell(Frozen):
@@ -67,7 +101,7 @@ class Balloon(Frozen):
     modulus: Modulus = 1.0
     permittivity: Permittivity = 1.0
     electrodes: Annotated[bool, Field(strict=True, description="true or false")] = False
-    breakdown: Annotated[Breakdown | None, Field(description="a table such as { field = 12 }")] = None
+    breakdown: Breakdown = None
     maxwell: Annotated[Maxwell | None, Field(description="a table such as { modulus = 0.5, time = 10 }")] = (
         None
     )

@@ -19,6 +19,7 @@ from pydantic import (
     ValidationInfo,
     model_validator,
 )
+from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails, PydanticCustomError, core_schema
 
 from simulator import units
@@ -161,6 +162,12 @@ def _line(text: str, value: object, loc: tuple[int | str, ...]) -> InitErrorDeta
     return InitErrorDetails(type=reason, loc=loc, input=value)
 
 
+def _one_number(field: FieldInfo | None) -> str:
+    """What is allowed for one of several numbers; numbers by name say it before their first comma."""
+    allowed = (field.description if field and field.description else "").split(",")[0]
+    return allowed if allowed.startswith("a number") else "a number"
+
+
 def _in_our_words(error: ErrorDetails, model: type[BaseModel]) -> InitErrorDetails:
     """A pydantic error in the words of the scenario file."""
     loc, value = error["loc"], error["input"]
@@ -169,8 +176,8 @@ def _in_our_words(error: ErrorDetails, model: type[BaseModel]) -> InitErrorDetai
         text = f"must be a table of {', '.join(fields)}"
     elif len(loc) == 1 and loc[0] in fields:
         text = f"must be {fields[str(loc[0])].description}"
-    else:  # a voltage by name
-        text = "must be a number"
+    else:  # a number by name
+        text = f"must be {_one_number(fields.get(str(loc[0])))}"
     match error["type"]:
         case "refused":
             text = error["msg"]

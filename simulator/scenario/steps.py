@@ -7,13 +7,17 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field, PlainSerializer, PrivateAttr, ValidationInfo
+from pydantic import AfterValidator, ConfigDict, Field, PlainSerializer, PrivateAttr, ValidationInfo
 
+from simulator import units
 from simulator.scenario.fields import (
     Chosen,
     ElectricCharge,
+    ElectricField,
     Frozen,
     Int,
+    Measured,
+    Number,
     Positive,
     Pressure,
     Time,
@@ -45,6 +49,50 @@ Charges = Annotated[
 ]
 
 
+Stretches = Annotated[
+    float | dict[str, float] | None,
+    Chosen(by_name(Positive)),
+    Field(description="a number > 0, or a table of one or more numbers > 0 by balloon name"),
+]
+
+
+Fields = Annotated[
+    float | dict[str, float] | None,
+    Chosen(by_name(ElectricField)),
+    PlainSerializer(as_written),
+    Field(description="a number > 0, or a table of one or more numbers > 0 by balloon name"),
+]
+
+
+PositivePressure = Annotated[Positive, Measured(units.PRESSURE)]
+
+
+class Until(Frozen):
+    """What ends a step before its time, whichever comes first.
+
+    A limit point (once its snap has landed), or a quantity that takes a value: the stretch or the true field
+    of a balloon, or the excess pressure.
+    """
+
+    event: Annotated[Literal["limit_point"] | None, Field(description='"limit_point"')] = None
+    stretch: Stretches = None
+    pressure: Annotated[PositivePressure | None, Field(description="a number > 0")] = None
+    field: Fields = None
+
+
+def _until(value: Any, info: ValidationInfo) -> Until | None:
+    if value is None:
+        return None
+    if not isinstance(value, Mapping) or not value:
+        raise refused(f"must be {_ENDS_STEP}", value)
+    return Until.model_validate(value, context=info.context)
+
+
+_ENDS_STEP = "a table with one or more of event, stretch, pressure, field"
+
+OptionalUntil = Annotated[Until | None, Chosen(_until), Field(description=_ENDS_STEP)]
+
+
 class Inflate(Frozen):
     """Excess pressure ramped to `inflate`, valve open."""
 
@@ -58,6 +106,7 @@ class Ramp(Frozen):
     ramp: Voltages
     over: Time = 1.0
     valve: Valve = "closed"
+    until: OptionalUntil = None
 
 
 class Charge(Frozen):
@@ -69,6 +118,7 @@ class Charge(Frozen):
     charge: Charges
     over: Time = 1.0
     valve: Valve = "closed"
+    until: OptionalUntil = None
 
 
 class Hold(Frozen):
@@ -94,11 +144,48 @@ class SineWave(Frozen):
     cycles: Positive
 
 
-class Sine(Frozen):
-    """Voltage of all electrodes along a sine."""
+class BalloonSine(Frozen):
+    """mean + amplitude·sin 2π(t/period + phase) on one balloon; `phase` in periods."""
 
-    sine: Annotated[SineWave, Field(description="a table of mean, amplitude, period, cycles")]
+    mean: Voltage
+    amplitude: Voltage
+    phase: Number = 0.0
+
+
+class SineByName(Frozen):
+    """Sines of one period, each of the named balloons with its own `BalloonSine`."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, BalloonSine] = Field(init=False)
+
+    period: Time
+    cycles: Positive
+
+    @property
+    def balloons(self) -> dict[str, BalloonSine]:
+        """The sines by balloon name."""
+        return self.__pydantic_extra__
+
+
+def _has_tables(value: Any) -> bool:
+    return isinstance(value, Mapping) and any(isinstance(part, Mapping) for part in value.values())
+
+
+def _sine(value: Any, info: ValidationInfo) -> SineWave | SineByName:
+    kind: type[SineWave | SineByName] = SineByName if _has_tables(value) else SineWave
+    return kind.model_validate(value, context=info.context)
+
+
+class Sine(Frozen):
+    """Voltages along sines: one for all electrodes, or one by balloon name."""
+
+    sine: Annotated[
+        SineWave | SineByName,
+        Chosen(_sine),
+        Field(description="a table of mean, amplitude, period, cycles, or of period, cycles and balloons"),
+    ]
     valve: Valve = "closed"
+    until: OptionalUntil = None
 
 
 class TriangleWave(Frozen):
@@ -110,11 +197,44 @@ class TriangleWave(Frozen):
     cycles: Positive
 
 
-class Triangle(Frozen):
-    """Voltage of all electrodes along a triangle wave."""
+class BalloonTriangle(Frozen):
+    """From `low` to `high` and back on one balloon, ahead by `phase` periods."""
 
-    triangle: Annotated[TriangleWave, Field(description="a table of low, high, period, cycles")]
+    low: Voltage
+    high: Voltage
+    phase: Number = 0.0
+
+
+class TriangleByName(Frozen):
+    """Triangle waves of one period, each of the named balloons with its own `BalloonTriangle`."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, BalloonTriangle] = Field(init=False)
+
+    period: Time
+    cycles: Positive
+
+    @property
+    def balloons(self) -> dict[str, BalloonTriangle]:
+        """The triangles by balloon name."""
+        return self.__pydantic_extra__
+
+
+def _triangle(value: Any, info: ValidationInfo) -> TriangleWave | TriangleByName:
+    kind: type[TriangleWave | TriangleByName] = TriangleByName if _has_tables(value) else TriangleWave
+    return kind.model_validate(value, context=info.context)
+
+
+class Triangle(Frozen):
+    """Voltages along triangle waves: one for all electrodes, or one by balloon name."""
+
+    triangle: Annotated[
+        TriangleWave | TriangleByName,
+        Chosen(_triangle),
+        Field(description="a table of low, high, period, cycles, or of period, cycles and balloons"),
+    ]
     valve: Valve = "closed"
+    until: OptionalUntil = None
 
 
 class Table(Frozen):
@@ -127,6 +247,7 @@ class Table(Frozen):
         strict=True, min_length=1, description="the path of a CSV file with columns time,voltage"
     )
     valve: Valve = "closed"
+    until: OptionalUntil = None
     # Bytes, because an array comes out of a pickle writeable and has no plain equality.
     _samples: bytes = PrivateAttr(default=b"")
 
@@ -173,8 +294,13 @@ def _step(value: Any, info: ValidationInfo) -> PlayedStep | Cycle:
 Step = Annotated[PlayedStep | Cycle, Chosen(_step)]
 
 
+def until_of(step: PlayedStep) -> Until | None:
+    """What ends a step before its time, if it names anything."""
+    return step.until if isinstance(step, Ramp | Charge | Sine | Triangle | Table) else None
+
+
 def duration(step: PlayedStep) -> float:
-    """How long a step lasts; a jump takes no time."""
+    """How long a step lasts, unless its `until` ends it before; a jump takes no time."""
     match step:
         case Inflate() | Ramp() | Charge():
             return step.over

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from simulator import assembly
+from simulator.drive import VoltageCurve
 from simulator.exact import (
     Balloon,
     Curve,
@@ -24,7 +25,7 @@ from simulator.exact import (
     states_on,
 )
 from simulator.history import Outcome
-from simulator.scenario import Hold, Inflate, Ramp
+from simulator.scenario import Hold, Inflate, Ramp, until_of
 from simulator.scenario import Jump as JumpStep
 from simulator.stress.case import Finding
 
@@ -122,6 +123,8 @@ def relative(found: ArrayLike, exact: ArrayLike) -> float:
 
 def _corners(step: PlayedStep, now: float) -> list[float]:
     """Voltages that a step turns or ends at, from where it begins."""
+    if until_of(step):
+        raise ValueError("the closed form's histories know no until")
     if isinstance(step, Inflate | Hold):
         return [now, now]
     if isinstance(step, Ramp | JumpStep):
@@ -129,7 +132,11 @@ def _corners(step: PlayedStep, now: float) -> list[float]:
         target = next(iter(wanted.values())) if isinstance(wanted, dict) else wanted
         return [now, float(target)]
     electrodes = assembly.Electrodes([now], [0.0], "voltage")
-    return [float(v) for v in assembly.motion(step, ("active",), electrodes, 0.0)[1].values]
+    legs = assembly.motion(step, ("active",), electrodes, 0.0)
+    leg = legs[0]
+    if len(legs) > 1 or isinstance(leg.way, VoltageCurve):
+        raise ValueError("the closed form's histories know no waves by name")
+    return [float(v) for v in leg.waveform.values]
 
 
 def _turns(scenario: Scenario) -> list[float | Jump]:
