@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
+_WORK = 1e-8  # how well the work along a branch must agree with what is stored, relatively
 _ENDS = ("loss_of_tension", "breakdown", "runaway", "out_of_range")
 
 
@@ -521,6 +522,13 @@ class _Run:
         equations = walk.group.equations
         work = branch.work_between(start, end)
         before, after = branch.state_at(start), branch.state_at(end)
+        # The one is found along the path and the other at its ends: a path that is wrong shows here.
+        first, last = (float(equations.potential(y.tolist())) for y in (before, after))
+        passed = float(np.abs(branch.work).sum()) + 1e-4 * max(abs(first), abs(last))
+        if abs(last - first + work) > _WORK * passed + np.finfo(float).tiny:
+            raise ArithmeticError(
+                f"the work along a branch, {work:.12g}, is not what the potential lost, {first - last:.12g}"
+            )
         self._book(
             equations,
             before,

@@ -8,7 +8,7 @@ import pytest
 from simulator import equilibrium, path, piece
 from simulator.branch import Branch
 from simulator.path import Effort
-from simulator.simulation import _Run
+from simulator.simulation import SolverError, _Run, simulate
 from simulator.trace import sealed_state, trace
 from tests.pairs import pair, run
 
@@ -90,3 +90,11 @@ def test_an_unstable_stretch_is_not_taken_for_a_branch():
     state = np.array([*curve.stretch[place], curve.pressure[place], curve.voltage[place, 0]])
     with pytest.raises(path.PathError):
         path.follow(group.equations, group.conditions, state, state[-1] - 0.01, 1e-4, Effort())
+
+
+def test_work_that_is_not_what_the_potential_lost_is_an_error(monkeypatch):
+    """The one is an integral along the path, the other a difference of its ends."""
+    right = Branch.work_between
+    monkeypatch.setattr(Branch, "work_between", lambda self, a, b: right(self, a, b) * (1.0 + 1e-7))
+    with pytest.raises(SolverError, match="the work along a branch, .*, is not what the potential lost"):
+        simulate(pair(1.2, {"ramp": 0.3}, ambient=0.015))
