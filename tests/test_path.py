@@ -96,5 +96,5 @@ def test_work_that_is_not_what_the_potential_lost_is_an_error(monkeypatch):
     """The one is an integral along the path, the other a difference of its ends."""
     right = Branch.work_between
     monkeypatch.setattr(Branch, "work_between", lambda self, a, b: right(self, a, b) * (1.0 + 1e-7))
-    with pytest.raises(SolverError, match="the work along a branch, .*, is not what the potential lost"):
+    with pytest.raises(SolverError, match=r"the work along a branch, .*, is not what the potential lost"):
         simulate(pair(1.2, {"ramp": 0.3}, ambient=0.015))
