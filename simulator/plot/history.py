@@ -78,7 +78,8 @@ def plot_history(history: History) -> Figure:
     matplotlib.figure.Figure
         Not registered with pyplot: save it with ``figure.savefig(path)``.
     """
-    figure = Figure(figsize=(11.0, 6.4), layout=ConstrainedLayoutEngine(wspace=0.06))
+    # Room at the left: the labels of a column are aligned after the layout is made.
+    figure = Figure(figsize=(11.0, 6.4), layout=ConstrainedLayoutEngine(w_pad=0.09, wspace=0.06))
     has_voltage = bool(history.electroded)
     heights = [1.0, 1.0, 2.0] if has_voltage else [1.0, 2.0]
     grid = figure.add_gridspec(len(heights), 2, height_ratios=heights, width_ratios=[1.1, 1.0])
