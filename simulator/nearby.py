@@ -79,6 +79,8 @@ def _event_beside(
     equations: Equations, condition: Condition, start: FloatArray, sense: float
 ) -> FloatArray | None:
     """The event close to a state that ends the path ahead of it, if there is one."""
+    if condition.kind == "loss_of_tension" and start[-2] > _CLOSE * equations.scales[-2]:
+        return None  # p = 0 is no closer than that
     for ahead in (0.0, 1e-6, 1e-4):  # without a voltage the forces do not yet depend on it
         guess = start.copy()
         guess[-1] += sense * ahead * equations.scales[-1]

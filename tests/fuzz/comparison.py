@@ -6,7 +6,6 @@ import time
 from collections.abc import Iterator
 from copy import deepcopy
 from dataclasses import dataclass, field
-from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -172,18 +171,23 @@ def _compare_inflation(
 def _inflation_snaps(
     balloons: tuple[Balloon, Balloon], pressures: list[float]
 ) -> list[tuple[int, float, dict[Balloon, tuple[float, float | None]]]]:
-    """Snaps of both balloons in order, those at one pressure together."""
+    """Snaps of both balloons in order, those of one instant together."""
     snaps = []
     for balloon in dict.fromkeys(balloons):
         for snap in inflation_history(balloon, pressures)[1]:
             rising = pressures[snap.leg] > ([0.0, *pressures])[snap.leg]
             snaps.append((snap.leg, snap.pressure if rising else -snap.pressure, balloon, snap))
     snaps.sort(key=lambda item: item[:2])
-    out = []
-    for (leg, pressure), group in groupby(snaps, key=lambda item: item[:2]):
-        out.append(
-            (leg, abs(pressure), {balloon: (snap.before, snap.after) for _, _, balloon, snap in group})
-        )
+    out: list[tuple[int, float, dict[Balloon, tuple[float, float | None]]]] = []
+    last: tuple[int, float] | None = None
+    for leg, pressure, balloon, snap in snaps:
+        change = abs(pressures[leg] - ([0.0, *pressures])[leg])
+        # Of one instant, as the simulator takes it: 1e-12 of a step.
+        if last is not None and leg == last[0] and pressure - last[1] <= 1e-12 * change:
+            out[-1][2][balloon] = (snap.before, snap.after)
+        else:
+            last = leg, pressure
+            out.append((leg, abs(pressure), {balloon: (snap.before, snap.after)}))
     return out
 
 
