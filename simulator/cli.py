@@ -37,7 +37,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-cli_sweep.register(app)
 
 ScenarioArgument = Annotated[
     Path, typer.Argument(metavar="SCENARIO", help="Scenario file (TOML).", show_default=False)
@@ -463,3 +462,6 @@ def _keep_partial(error: RuntimeError, history: History | None, directory: Path,
     except OutputError as unwritten:
         _fail(f"{message}\nit had reached {reached}, but {unwritten}", 3)
     _fail(f"{message}\nthe partial history, up to {reached}, is in {directory}", 3)
+
+
+cli_sweep.register(app)  # last, so that the help begins with `run`
