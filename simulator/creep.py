@@ -283,23 +283,27 @@ class Flow:
         events.terminal = [kind != "limit_point" for kind in kinds]  # type: ignore[attr-defined]
         start = np.concatenate([stretch, inner, [0.0, 0.0]])
         rates = np.array(self._rates(start.tolist(), *drive(float(times[0]))))
-        solver: Any = IDA(
-            residual,
-            jacfn=jacobian,
-            eventsfn=events,
-            num_events=len(kinds),
-            rtol=_RTOL,
-            atol=np.array([*[_ATOL] * (start.size - 2), *[_ATOL_ENERGY] * 2]),
-            max_num_steps=_MOST_LOOKS,
-        )
         # A third time, or IDA's own steps would be returned.
         asked = times if times.size > 2 else np.array([times[0], times.mean(), times[-1]])
-        with contextlib.redirect_stdout(io.StringIO()):  # where scikit-sundae prints failures
-            result = solver.solve(asked, start, rates)
-        effort.ida_solves += 1
+        for rtol in (_RTOL, 0.3 * _RTOL, 0.1 * _RTOL):
+            solver: Any = IDA(
+                residual,
+                jacfn=jacobian,
+                eventsfn=events,
+                num_events=len(kinds),
+                rtol=rtol,
+                atol=np.array([*[_ATOL] * (start.size - 2), *[_ATOL_ENERGY] * 2]),
+                max_num_steps=_MOST_LOOKS,
+            )
+            with contextlib.redirect_stdout(io.StringIO()):  # where scikit-sundae prints failures
+                result = solver.solve(asked, start, rates)
+            effort.ida_solves += 1
+            effort.residual_calls += int(result.nfev)
+            effort.jacobian_calls += int(result.njev)
+            if result.status >= 0:
+                break
+            # IDA gives up where a margin touches zero to the last digit of a step; other steps miss that.
         effort.ida_steps += looks
-        effort.residual_calls += int(result.nfev)
-        effort.jacobian_calls += int(result.njev)
         if result.status < 0:
             raise CreepError(f"IDA: {result.message}")
         passed: list[Passed] = []
