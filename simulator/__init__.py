@@ -13,10 +13,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from simulator.curve import Curve, FoldCurve
-    from simulator.explanation import explain
-    from simulator.files import OutputError
-    from simulator.history import (
+    from simulator.results.curve import Curve, FoldCurve
+    from simulator.results.files import OutputError
+    from simulator.results.history import (
         EnergyBalance,
         Event,
         EventKind,
@@ -26,9 +25,10 @@ if TYPE_CHECKING:
         Stop,
         Verdict,
     )
-    from simulator.path import PathError
     from simulator.scenario import Scenario, ScenarioError, load_scenario
-    from simulator.simulation import SolverError, simulate
+    from simulator.simulation.explanation import explain
+    from simulator.simulation.run import SolverError, simulate
+    from simulator.solver.follow import PathError
 
 __version__ = "0.1.0"
 
@@ -54,24 +54,24 @@ __all__ = [
 ]
 
 _HOME = {
-    "Curve": "curve",
-    "EnergyBalance": "history",
-    "Event": "history",
-    "EventKind": "history",
-    "FoldCurve": "curve",
-    "History": "history",
-    "Outcome": "history",
-    "OutputError": "files",
-    "PathError": "path",
+    "Curve": "results.curve",
+    "EnergyBalance": "results.history",
+    "Event": "results.history",
+    "EventKind": "results.history",
+    "FoldCurve": "results.curve",
+    "History": "results.history",
+    "Outcome": "results.history",
+    "OutputError": "results.files",
+    "PathError": "solver.follow",
     "Scenario": "scenario",
     "ScenarioError": "scenario",
-    "SolverError": "simulation",
-    "SolverStatistics": "history",
-    "Stop": "history",
-    "Verdict": "history",
-    "explain": "explanation",
+    "SolverError": "simulation.run",
+    "SolverStatistics": "results.history",
+    "Stop": "results.history",
+    "Verdict": "results.history",
+    "explain": "simulation.explanation",
     "load_scenario": "scenario",
-    "simulate": "simulation",
+    "simulate": "simulation.run",
 }
 
 

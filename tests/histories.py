@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from simulator.history import EnergyBalance, Event, EventKind, History, Outcome, SolverStatistics
+from simulator.results.history import EnergyBalance, Event, EventKind, History, Outcome, SolverStatistics
 
 
 def scenario(title: str = "A made-up pair", **more: object) -> SimpleNamespace:

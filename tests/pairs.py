@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from simulator.history import History
+from simulator.results.history import History
 from simulator.scenario import Scenario, load_scenario
-from simulator.simulation import simulate
+from simulator.simulation.run import simulate
 
 
 def pair(

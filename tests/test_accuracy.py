@@ -13,14 +13,15 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from simulator import accuracy, cli
-from simulator.accuracy import arclength, digest, page, study
-from simulator.accuracy.left_out import SCENARIOS, anatomies, imported, sets
-from simulator.accuracy.problem import Samples, WrongHistory, errors, load_task
-from simulator.explanation import assembled
+from simulator.cli.app import app
 from simulator.scenario import ScenarioError, load_scenario
-from simulator.simulation import simulate
+from simulator.simulation.explanation import assembled
+from simulator.simulation.run import simulate
 from tests.pairs import pair, single
+from tests.studies import accuracy
+from tests.studies.accuracy import arclength, digest, page, study
+from tests.studies.accuracy.left_out import SCENARIOS, anatomies, imported, sets
+from tests.studies.accuracy.problem import Samples, WrongHistory, errors, load_task
 
 ROOT = Path(__file__).parent.parent
 FILES = ROOT / "scenarios"
@@ -225,7 +226,7 @@ def test_command_writes_page_table_and_figure(tmp_path, monkeypatch, taken_apart
     monkeypatch.setattr(accuracy, "anatomies", lambda: taken_apart)
     options = ["--rtol", "1e-3", "--rtol", "1e-6", "--rtol", "1e-9", "--delay", "1e-5", "--repeat", "1"]
     file = str(FILES / "fig3b_state_b.toml")
-    done = CliRunner().invoke(cli.app, ["accuracy", file, "--out", str(tmp_path), *options])
+    done = CliRunner().invoke(app.app, ["accuracy", file, "--out", str(tmp_path), *options])
     assert (done.exit_code, done.stderr) == (0, "")
     assert sorted(str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*.*")) == sorted(accuracy.FILES)
     found = study.from_csv((tmp_path / "accuracy.csv").read_text("utf-8"))
@@ -247,7 +248,7 @@ def test_command_says_what_is_wrong(tmp_path, what):
         balloons = "".join(f'[[balloon]]\nname = "{n}"\nelectrodes = true\n{gent}\n' for n in "abc")
         step = "[[step]]\ninflate = 1.2\n[[step]]\nramp = 0.4\n"
         file.write_text(f'title = "three"\n[gas]\nambient_pressure = 0.1\n{balloons}{step}')
-    done = CliRunner().invoke(cli.app, ["accuracy", str(file), "--out", str(tmp_path / "out")])
+    done = CliRunner().invoke(app.app, ["accuracy", str(file), "--out", str(tmp_path / "out")])
     assert done.exit_code == 2
     expected = "cannot be read" if what == "missing" else "the closed form needs two balloons"
     assert expected in done.stderr
@@ -257,7 +258,7 @@ def test_command_says_what_is_wrong(tmp_path, what):
 
 def test_command_refuses_a_place_it_cannot_write(tmp_path):
     (tmp_path / "taken").write_text("")
-    done = CliRunner().invoke(cli.app, ["accuracy", "--out", str(tmp_path / "taken")])
+    done = CliRunner().invoke(app.app, ["accuracy", "--out", str(tmp_path / "taken")])
     assert done.exit_code == 2
     assert "cannot write to" in done.stderr
 
@@ -308,7 +309,7 @@ def test_a_run_imports_exactly_what_it_needs(taken_apart):
 
 def test_balloons_run_imports_exactly_what_it_needs(tmp_path):
     program = (
-        "import sys; from simulator.cli import app; "
+        "import sys; from simulator.cli.app import app; "
         f"app(['run', 'scenarios/fig5b_state_b.toml', '--out', {str(tmp_path)!r}], standalone_mode=False); "
         "print(*sys.modules, file=sys.stderr)"
     )

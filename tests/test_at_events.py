@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from simulator.elastomer import Gent
-from simulator.exact import (
+from simulator.model.elastomers import Gent
+from simulator.results.history import History
+from simulator.scenario import load_scenario
+from tests.oracle.closed_form import (
     Balloon,
     Jump,
     SealedPair,
@@ -18,8 +20,6 @@ from simulator.exact import (
     reference_history,
     states_on,
 )
-from simulator.history import History
-from simulator.scenario import load_scenario
 from tests.pairs import kinds, pair, run
 
 GENT = Balloon(Gent(100.0))

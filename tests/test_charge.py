@@ -8,15 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from simulator.charged import ChargedMembrane
-from simulator.drive import VoltageLine
-from simulator.events import conditions, stability
-from simulator.explanation import explain
-from simulator.export import event_columns, history_columns
-from simulator.gas import IdealGas
-from simulator.model import ElectrodedMembrane
+from simulator.analysis.trace import trace
+from simulator.model.conditions import conditions, stability
+from simulator.model.contents import IdealGas
+from simulator.model.drive import VoltageLine
+from simulator.model.membranes import ChargedMembrane, ElectrodedMembrane
+from simulator.results.tables import event_columns, history_columns
 from simulator.scenario import ScenarioError, load_scenario
-from simulator.trace import trace
+from simulator.simulation.explanation import explain
 from tests.pairs import kinds, pair, run, single
 from tests.test_gas import ClosedForm
 from tests.test_model import device, gradient

@@ -16,8 +16,9 @@ import pytest
 from histories import cycled_pair, slack_pair
 from typer.testing import CliRunner
 
-from simulator import cli, terminal
-from simulator.history import Outcome
+from simulator.cli import summary
+from simulator.cli.app import app
+from simulator.results.history import Outcome
 
 ROOT = Path(__file__).parent.parent
 
@@ -55,7 +56,7 @@ def scenario(tmp_path, monkeypatch):
 @pytest.fixture
 def simulate(monkeypatch):
     """Put something in the place of the physics, where physics is not the point."""
-    room = import_module("simulator.simulation")
+    room = import_module("simulator.simulation.run")
 
     def put(result: object) -> None:
         def played(scenario: object, *, progress: object = None) -> object:
@@ -69,7 +70,7 @@ def simulate(monkeypatch):
 
 
 def balloons(*arguments: object) -> object:
-    return CliRunner().invoke(cli.app, [str(argument) for argument in arguments])
+    return CliRunner().invoke(app.app, [str(argument) for argument in arguments])
 
 
 def subprocess_environment(**more: str) -> dict[str, str]:
@@ -148,8 +149,8 @@ def test_quiet_prints_nothing(scenario, simulate):
 def test_only_the_first_events_are_listed(scenario, simulate):
     simulate(cycled_pair(cycles=20))
     output = balloons("run", scenario).stdout
-    assert output.count("limit_point") == terminal.EVENTS_SHOWN
-    assert f"… and {40 - terminal.EVENTS_SHOWN} more" in output
+    assert output.count("limit_point") == summary.EVENTS_SHOWN
+    assert f"… and {40 - summary.EVENTS_SHOWN} more" in output
 
 
 @pytest.mark.parametrize("columns", ["30", "80", "400"])
@@ -215,7 +216,7 @@ def test_usage(scenario):
 
 
 def test_solver_failure_keeps_what_was_reached(scenario, simulate):
-    from simulator.simulation import SolverError
+    from simulator.simulation.run import SolverError
 
     simulate(SolverError("step 1, time 0.7: the corrector does not converge", slack_pair(Outcome.FAILED)))
     result = balloons("run", scenario, "--plot")
@@ -232,7 +233,7 @@ def test_solver_failure_keeps_what_was_reached(scenario, simulate):
 
 
 def test_solver_failure_before_the_first_sample(scenario, simulate):
-    from simulator.simulation import SolverError
+    from simulator.simulation.run import SolverError
 
     simulate(SolverError("step 1, time 0: nothing converges", None))
     result = balloons("run", scenario)
@@ -249,7 +250,7 @@ def test_interrupt_writes_nothing(scenario, simulate):
     assert files(scenario.parent) == ["pair.toml"]
 
 
-@pytest.mark.parametrize("patched", ["simulator.plot.draw_png", "simulator.export.write_run"])
+@pytest.mark.parametrize("patched", ["simulator.results.plot.draw_png", "simulator.results.tables.write_run"])
 def test_interrupt_while_drawing_or_writing_writes_nothing(scenario, simulate, monkeypatch, patched):
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
@@ -265,7 +266,7 @@ def test_a_picture_that_cannot_be_drawn_does_not_cost_the_tables(scenario, simul
         raise RuntimeError("no fonts")
 
     simulate(cycled_pair())
-    monkeypatch.setattr("simulator.plot.draw_png", fail)
+    monkeypatch.setattr("simulator.results.plot.draw_png", fail)
     assert balloons("run", scenario, "--plot").exit_code == 1
     assert (scenario.parent / "results/pair/history.csv").exists()
 
@@ -286,7 +287,7 @@ def on_a_terminal(monkeypatch) -> Terminal:
 
 def test_a_short_run_shows_no_bar(monkeypatch):
     screen = on_a_terminal(monkeypatch)
-    with terminal.progress_bar(quiet=False) as report:
+    with summary.progress_bar(quiet=False) as report:
         for i in range(1000):
             report(i / 1000)
     assert screen.getvalue() == ""
@@ -294,8 +295,8 @@ def test_a_short_run_shows_no_bar(monkeypatch):
 
 def test_a_long_run_shows_a_bar_and_takes_it_away(monkeypatch):
     screen = on_a_terminal(monkeypatch)
-    monkeypatch.setattr(terminal, "_PATIENCE", 0.0)
-    with terminal.progress_bar(quiet=False) as report:
+    monkeypatch.setattr(summary, "_PATIENCE", 0.0)
+    with summary.progress_bar(quiet=False) as report:
         report(0.5)
         shown = screen.getvalue()
         started = time.monotonic()
@@ -309,10 +310,10 @@ def test_a_long_run_shows_a_bar_and_takes_it_away(monkeypatch):
 
 def test_no_bar_when_quiet_or_piped(monkeypatch):
     on_a_terminal(monkeypatch)
-    with terminal.progress_bar(quiet=True) as report:
+    with summary.progress_bar(quiet=True) as report:
         assert report is None
     monkeypatch.setattr(sys, "stderr", io.StringIO())
-    with terminal.progress_bar(quiet=False) as report:
+    with summary.progress_bar(quiet=False) as report:
         assert report is None
 
 
@@ -362,11 +363,11 @@ def test_real_interrupt(scenario):
     program = f"""
         import os, signal, time
         from importlib import import_module
-        from simulator.cli import app
+        from simulator.cli.app import app
         def played(scenario, *, progress=None):
             os.kill(os.getpid(), signal.SIGINT)
             time.sleep(10)
-        import_module("simulator.simulation").simulate = played
+        import_module("simulator.simulation.run").simulate = played
         app(["run", {str(scenario)!r}])
     """
     done = subprocess.run(
@@ -384,7 +385,7 @@ def test_real_interrupt(scenario):
 def test_a_run_without_a_picture_loads_neither_matplotlib_nor_pandas(scenario):
     program = f"""
         import sys
-        from simulator.cli import app
+        from simulator.cli.app import app
         app(["run", {str(scenario)!r}], standalone_mode=False)
         print(*sys.modules)
     """
@@ -397,12 +398,12 @@ def test_a_run_without_a_picture_loads_neither_matplotlib_nor_pandas(scenario):
     )
     assert done.returncode == 0, done.stderr
     loaded = done.stdout.splitlines()[-1].split()
-    assert "simulator.export" in loaded
+    assert "simulator.results.tables" in loaded
     assert not {"matplotlib", "pandas"} & set(loaded)
 
 
 def test_help_and_a_mistyped_file_load_no_solver():
-    program = "import sys; import simulator.cli; print(*sys.modules)"
+    program = "import sys; import simulator.cli.app; print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", program],
         capture_output=True,

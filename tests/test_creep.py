@@ -256,6 +256,6 @@ def test_who_does_not_name_it_does_not_load_it():
     code = (
         "import sys; from simulator import load_scenario, simulate;"
         "simulate(load_scenario('scenarios/fig3c_state_b.toml'));"
-        "assert not {'simulator.creep', 'simulator.creeping'} & set(sys.modules)"
+        "assert not {'simulator.solver.viscous', 'simulator.simulation.real_time'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

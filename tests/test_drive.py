@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simulator import drive
-from simulator.drive import VoltageLine
+from simulator.model import drive
+from simulator.model.drive import VoltageLine
 
 WAVES = {
     "ramp": drive.ramp(0.1, -0.4),

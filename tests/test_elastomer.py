@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from simulator.elastomer import (
+from simulator.model.elastomers import (
     ArrudaBoyce,
     Gent,
     MooneyRivlin,
@@ -25,7 +25,7 @@ from simulator.elastomer import (
     tension_force,
     tension_stiffness,
 )
-from simulator.elastomer.checks import defect
+from simulator.model.elastomers.checks import defect
 
 STEP = 1e-30
 TRELOAR = Ogden((6.3e5, 1.2e3, -1.0e4), (1.3, 5.0, -2.0))
@@ -323,7 +323,7 @@ def test_objects_are_held_against_what_is_asked_of_them(wrong, message):
 
 def test_objects_that_are_no_elastomers():
     assert defect(3) == (
-        "must have energy, pole_form, pole_form_slope, stretch_limit, see simulator.elastomer.Elastomer"
+        "must have energy, pole_form, pole_form_slope, stretch_limit, see simulator.model.elastomers.Elastomer"
     )
     assert defect(Yeoh(stretch_limit=0.5)) == "must have a stretch_limit > 1 (inf for none), is 0.5"
 
@@ -343,5 +343,5 @@ def test_objects_that_are_no_elastomers():
 
 
 def test_elastomers_are_light():
-    code = "import simulator.elastomer, sys; sys.exit('scipy' in sys.modules)"
+    code = "import simulator.model.elastomers, sys; sys.exit('scipy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

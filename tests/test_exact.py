@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from simulator import load_scenario
-from simulator.elastomer import Gent, NeoHookean
-from simulator.exact import (
+from simulator.model.elastomers import Gent, NeoHookean
+from tests.oracle.closed_form import (
     Balloon,
     Curve,
     Jump,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from simulator.explanation import explain
 from simulator.scenario import load_scenario
+from simulator.simulation.explanation import explain
 from tests.pairs import pair, single
 
 

@@ -21,8 +21,10 @@ from histories import cycled_pair, empty_pair, inflated_single, slack_pair
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simulator import export
-from simulator.export import (
+from simulator.results import tables
+from simulator.results.files import OutputError, check_writable, write_files
+from simulator.results.history import Outcome
+from simulator.results.tables import (
     RUN_FILES,
     event_columns,
     events_table,
@@ -30,8 +32,6 @@ from simulator.export import (
     history_table,
     write_run,
 )
-from simulator.files import OutputError, check_writable, write_files
-from simulator.history import Outcome
 
 TESTS = Path(__file__).parent
 # Since 3.1 pandas reads exactly unasked.
@@ -148,7 +148,7 @@ def test_after_side_is_empty_where_the_history_ends(tmp_path):
 
 
 def test_rows_of_many_chunks_are_all_there(tmp_path, monkeypatch):
-    monkeypatch.setattr(export, "_ROWS_AT_ONCE", 7)
+    monkeypatch.setattr(tables, "_ROWS_AT_ONCE", 7)
     history = cycled_pair()
     write_run(history, tmp_path)
     header, rows = cells(tmp_path / "history.csv")
@@ -284,8 +284,8 @@ def in_another_process(program: str, directory: Path) -> subprocess.CompletedPro
         import os, signal, sys
         sys.path.insert(0, {str(TESTS)!r})
         from histories import cycled_pair
-        from simulator.export import write_run
-        from simulator.files import OutputError
+        from simulator.results.tables import write_run
+        from simulator.results.files import OutputError
         directory = {str(directory)!r}
     """
     text = textwrap.dedent(header) + textwrap.dedent(program)

@@ -6,9 +6,9 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from simulator.fold import fold
+from simulator.analysis.fold import fold
+from simulator.analysis.trace import trace
 from simulator.scenario import ScenarioError, load_scenario
-from simulator.trace import trace
 from tests.closed_form import Pair, force
 from tests.pairs import pair
 
@@ -122,7 +122,7 @@ def test_a_limit_point_that_is_not_there():
 def test_command(tmp_path):
     from typer.testing import CliRunner
 
-    from simulator.cli import app
+    from simulator.cli.app import app
 
     def balloons(*words):
         return CliRunner().invoke(app, ["fold", FIG3C, *words, "--out", str(tmp_path)])

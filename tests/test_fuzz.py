@@ -13,9 +13,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 
 from simulator import History, load_scenario, simulate
-from simulator.exact import SealedPair, equilibrium_curve
 from tests import fuzz
 from tests.fuzz import comparison
+from tests.oracle.closed_form import SealedPair, equilibrium_curve
 
 OUTCOMES: Counter[str] = Counter()
 

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from scipy.linalg import null_space
 from scipy.optimize import brentq
 
-from simulator.drive import VoltageLine
-from simulator.events import eigenvalues, softest_mode, stability
-from simulator.gas import Adiabat, Isotherm, Liquid, SealedGas
-from simulator.spectrum import CONSTRAINED, COUPLED
-from simulator.trace import rests, sealed_state, trace, trace_all
+from simulator.analysis.trace import rests, sealed_state, trace, trace_all
+from simulator.model.conditions import eigenvalues, softest_mode, stability
+from simulator.model.contents import Adiabat, Isotherm, Liquid, SealedGas
+from simulator.model.coupling import CONSTRAINED, COUPLED
+from simulator.model.drive import VoltageLine
 from tests.pairs import kinds, pair, run, single
 from tests.test_model import device, gradient
 

@@ -7,12 +7,12 @@ import pytest
 from scipy.linalg import null_space
 from scipy.optimize import brentq
 
-from simulator.device import Device
-from simulator.drive import VoltageLine
-from simulator.explanation import explain
-from simulator.fold import fold
+from simulator.analysis.fold import fold
+from simulator.analysis.trace import trace
+from simulator.model.device import Device
+from simulator.model.drive import VoltageLine
 from simulator.scenario import ScenarioError, load_scenario
-from simulator.trace import trace
+from simulator.simulation.explanation import explain
 from tests.pairs import kinds, pair, run, single
 from tests.test_gas import LAWS, UP_AND_DOWN, ClosedForm, gas, last
 
@@ -202,7 +202,7 @@ def test_large_chambers_under_high_ambient_pressure(chamber):
 
 def test_the_figure_of_chambers_ends_in_the_open_valve():
     """The limit curve of the figure is the equilibrium of the history with the valve open."""
-    from simulator.figures.chamber import open_valve
+    from tests.studies.figures.chamber import open_valve
 
     scenario = load_scenario("scenarios/keplinger_chamber.toml")
     stretch, voltage, stable = open_valve(scenario)

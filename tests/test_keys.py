@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from simulator import load_scenario
-from simulator.keys import (
+from simulator.scenario.keys import (
     all_keys,
     changed_scenario,
     near,

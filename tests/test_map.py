@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simulator.fold import fold
-from simulator.history import EventKind, Outcome
-from simulator.plot.map import BEHAVIOURS, MapCurve, MapMark, plot_map
+from simulator.analysis.fold import fold
+from simulator.results.history import EventKind, Outcome
+from simulator.results.plot.map import BEHAVIOURS, MapCurve, MapMark, plot_map
 from simulator.sweep import read_sweep, run_sweep
 from simulator.sweep.picking import PickError, fold_line, mark, pick
 from tests.pairs import pair

@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from simulator.cli import app
-from simulator.device import Device
-from simulator.elastomer import (
+from simulator.analysis.fold import fold
+from simulator.analysis.trace import trace, trace_all, trace_inflation
+from simulator.cli.app import app
+from simulator.model.device import Device
+from simulator.model.elastomers import (
     ArrudaBoyce,
     Gent,
     MooneyRivlin,
@@ -24,12 +26,10 @@ from simulator.elastomer import (
     tension_force,
     tension_stiffness,
 )
-from simulator.explanation import explain
-from simulator.fold import fold
-from simulator.path import PathError
 from simulator.scenario import PRESETS, Preset, Python, ScenarioError, load_scenario
-from simulator.simulation import simulate
-from simulator.trace import trace, trace_all, trace_inflation
+from simulator.simulation.explanation import explain
+from simulator.simulation.run import simulate
+from simulator.solver.follow import PathError
 from tests.pairs import kinds, pair, run, single
 
 MODELS = [

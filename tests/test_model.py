@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simulator.device import Device, smallest_eigenvalue
-from simulator.drive import VoltageCurve, VoltageLine
-from simulator.events import conditions, softest_mode, stability
-from simulator.gas import IdealGas
-from simulator.model import ElectrodedMembrane, Membrane, OscillatingMembrane
+from simulator.model.conditions import conditions, softest_mode, stability
+from simulator.model.contents import IdealGas
+from simulator.model.device import Device, smallest_eigenvalue
+from simulator.model.drive import VoltageCurve, VoltageLine
+from simulator.model.membranes import ElectrodedMembrane, Membrane, OscillatingMembrane
+from simulator.model.strength import ConstantStrength, PowerStrength
 from simulator.scenario import load_scenario
-from simulator.strength import ConstantStrength, PowerStrength
 
 STEP = 1e-30
 

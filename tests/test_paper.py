@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from simulator import cli
-from simulator.figures import FIGURES, draw_figures
-from simulator.paper import paper_page, statements
-from simulator.paper.case import VERDICTS, Statement, load_cases
-from simulator.paper.formulation import misprints as misprints_of_the_equations
-from simulator.paper.inflation import misprints as misprints_of_fig_2
-from simulator.paper.unequal import misprints as misprints_of_fig_5
+from simulator.cli.app import app
+from tests.studies.figures import FIGURES, draw_figures
+from tests.studies.paper import paper_page, statements
+from tests.studies.paper.case import VERDICTS, Statement, load_cases
+from tests.studies.paper.formulation import misprints as misprints_of_the_equations
+from tests.studies.paper.inflation import misprints as misprints_of_fig_2
+from tests.studies.paper.unequal import misprints as misprints_of_fig_5
 
 ROOT = Path(__file__).parent.parent
 SCENARIOS = ROOT / "scenarios"
@@ -102,17 +102,17 @@ def test_every_figure_of_the_page_is_there():
 
 def test_commands_write_page_and_figures(tmp_path, monkeypatch):
     monkeypatch.setattr(
-        "simulator.figures.FIGURES",
+        "tests.studies.figures.FIGURES",
         {name: FIGURES[name] for name in ("fig2", "fig4a", "fig5b", "history5b_b")},
     )
     options = ["--scenarios", str(SCENARIOS)]
-    done = CliRunner().invoke(cli.app, ["figures", "--out", str(tmp_path / "figures"), *options])
+    done = CliRunner().invoke(app.app, ["figures", "--out", str(tmp_path / "figures"), *options])
     assert done.exit_code == 0
     content = (tmp_path / "figures/fig4a.png").read_bytes()
     assert struct.unpack(">II", content[16:24]) == (960, 720)
     again = draw_figures(SCENARIOS)
     assert {name: (tmp_path / "figures" / name).read_bytes() for name in again} == again
-    done = CliRunner().invoke(cli.app, ["paper", "--out", str(tmp_path / "page.md"), "--quiet", *options])
+    done = CliRunner().invoke(app.app, ["paper", "--out", str(tmp_path / "page.md"), "--quiet", *options])
     assert (done.exit_code, done.stdout) == (0, "")
     assert (tmp_path / "page.md").read_text("utf-8").startswith("# The paper, number by number\n")
 
@@ -120,7 +120,7 @@ def test_commands_write_page_and_figures(tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", ["figures", "paper"])
 def test_a_folder_without_the_scenarios_is_said(tmp_path, name):
     done = CliRunner().invoke(
-        cli.app, [name, "--out", str(tmp_path / "out" / "x"), "--scenarios", str(tmp_path)]
+        app.app, [name, "--out", str(tmp_path / "out" / "x"), "--scenarios", str(tmp_path)]
     )
     assert done.exit_code == 2
     assert "fig3a_state_" in done.stderr

@@ -6,9 +6,9 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from simulator.history import EventKind, History, Outcome
+from simulator.results.history import EventKind, History, Outcome
 from simulator.scenario import load_scenario
-from simulator.simulation import simulate
+from simulator.simulation.run import simulate
 from tests.closed_form import Pair, inflated
 
 # Voltages to 1e-10, states to 1e-9.

@@ -5,19 +5,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simulator import equilibrium, path, piece
-from simulator.branch import Branch
-from simulator.path import Effort
-from simulator.simulation import SolverError, _Run, simulate
-from simulator.trace import sealed_state, trace
+from simulator.analysis.trace import sealed_state, trace
+from simulator.simulation.run import SolverError, _Run, simulate
+from simulator.solver import certify, follow, newton
+from simulator.solver.branch import Branch
+from simulator.solver.follow import Effort
 from tests.pairs import pair, run
 
 
 def test_gauss_rules():
     for power in range(5):
-        exact = piece.GAUSS_POINTS ** (power + 1) / (power + 1)
-        assert piece.GAUSS_INTEGRALS @ piece.GAUSS_POINTS**power == pytest.approx(exact, abs=1e-13)
-        assert piece.GAUSS_WEIGHTS @ piece.GAUSS_POINTS**power == pytest.approx(1 / (power + 1), abs=1e-14)
+        exact = certify.GAUSS_POINTS ** (power + 1) / (power + 1)
+        assert certify.GAUSS_INTEGRALS @ certify.GAUSS_POINTS**power == pytest.approx(exact, abs=1e-13)
+        assert certify.GAUSS_WEIGHTS @ certify.GAUSS_POINTS**power == pytest.approx(
+            1 / (power + 1), abs=1e-14
+        )
 
 
 @pytest.mark.parametrize("rtol", [1e-1, 1e-2, 1e-3, 1e-6, 1e-9])
@@ -77,8 +79,10 @@ def test_a_segment_that_is_no_path_is_refused():
     (branch,) = next(known for eq, known in played.atlas.branches.items() if eq.has_pressure)
     points, directions = branch.states.copy(), branch.tangents.copy()
     points[:, 5] = points[:, 9]  # back and forth
-    with pytest.raises(equilibrium.NotConverged):
-        piece._polished(branch.equations, branch.conditions, points, directions, len(branch.conditions), 0.3)
+    with pytest.raises(newton.NotConverged):
+        certify._polished(
+            branch.equations, branch.conditions, points, directions, len(branch.conditions), 0.3
+        )
 
 
 def test_an_unstable_stretch_is_not_taken_for_a_branch():
@@ -88,8 +92,8 @@ def test_an_unstable_stretch_is_not_taken_for_a_branch():
     curve = trace(scenario)
     place = int(np.flatnonzero(curve.unstable == 1)[40])
     state = np.array([*curve.stretch[place], curve.pressure[place], curve.voltage[place, 0]])
-    with pytest.raises(path.PathError):
-        path.follow(group.equations, group.conditions, state, state[-1] - 0.01, 1e-4, Effort())
+    with pytest.raises(follow.PathError):
+        follow.follow(group.equations, group.conditions, state, state[-1] - 0.01, 1e-4, Effort())
 
 
 def test_work_that_is_not_what_the_potential_lost_is_an_error(monkeypatch):

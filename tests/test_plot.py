@@ -13,8 +13,8 @@ from histories import cycled_pair, empty_pair, inflated_single, scenario, slack_
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from simulator.history import EventKind, Outcome
-from simulator.plot import (
+from simulator.results.history import EventKind, Outcome
+from simulator.results.plot import (
     COLOURS,
     MARKERS,
     draw_png,
@@ -236,7 +236,7 @@ def test_nothing_overlaps_the_legend():
 def test_pyplot_is_not_loaded():
     program = (
         "import sys; sys.path.insert(0, 'tests');"
-        "from histories import cycled_pair; from simulator.plot import draw_png;"
+        "from histories import cycled_pair; from simulator.results.plot import draw_png;"
         "draw_png(cycled_pair()); sys.exit('matplotlib.pyplot' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", program], cwd=Path(__file__).parent.parent, check=False)

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simulator import load_scenario, simulate
-from simulator.fold import fold
-from simulator.history import EventKind
-from simulator.keys import changed_scenario, number_at, physical_keys
-from simulator.sensitivity import all_sensitivities, sensitivities
+from simulator.analysis.fold import fold
+from simulator.analysis.sensitivity import all_sensitivities, sensitivities
+from simulator.results.history import EventKind
+from simulator.scenario.keys import changed_scenario, number_at, physical_keys
 from tests.pairs import pair, single
 from tests.sweeps import FIG3C, FIG5B, balloons
 

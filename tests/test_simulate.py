@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simulator.history import EventKind, Outcome
+from simulator.results.history import EventKind, Outcome
 from simulator.scenario import load_scenario
 from tests.pairs import gent_force, kinds, pair, run, single
 
@@ -542,8 +542,8 @@ def test_snaps_about_to_vanish(J_lim, snaps):
 
 
 def test_a_failed_step_keeps_what_it_reached(monkeypatch):
-    from simulator import flow
-    from simulator.simulation import SolverError, simulate
+    from simulator.simulation.run import SolverError, simulate
+    from simulator.solver import flow
 
     def fail(*_, **__):
         raise flow.FlowError("for the test")

@@ -9,16 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simulator.device import Device
-from simulator.drive import VoltageLine
-from simulator.events import intactness
-from simulator.exact import SealedPair
-from simulator.explanation import explain
-from simulator.export import history_columns, run_record
-from simulator.history import Outcome
+from simulator.cli.summary import summarise_run
+from simulator.model.conditions import intactness
+from simulator.model.device import Device
+from simulator.model.drive import VoltageLine
+from simulator.model.strength import ConstantStrength, PowerStrength
+from simulator.results.history import Outcome
+from simulator.results.tables import history_columns, run_record
 from simulator.scenario import load_scenario
-from simulator.strength import ConstantStrength, PowerStrength
-from simulator.terminal import summarise_run
+from simulator.simulation.explanation import explain
+from tests.oracle.closed_form import SealedPair
 from tests.pairs import kinds, pair, run, single
 
 UP = {"ramp": 0.4, "over": 10}

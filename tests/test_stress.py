@@ -11,15 +11,17 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from simulator import cli, flow, load_scenario, path, piece, simulate
-from simulator.stress import FAILS, Case, Finding, Row, cases, examine
-from simulator.stress.case import counted
-from simulator.stress.cost import shares
-from simulator.stress.page import stability_page
-from simulator.stress.sabotage import Disturbance, Tally, difference, disturbances, random_pairs, tallies
-from simulator.stress.voltages import coincidence
+from simulator import load_scenario, simulate
+from simulator.cli.app import app
+from simulator.solver import certify, flow, follow
 from tests import fuzz
 from tests.pairs import pair
+from tests.studies.stress import FAILS, Case, Finding, Row, cases, examine
+from tests.studies.stress.case import counted
+from tests.studies.stress.cost import shares
+from tests.studies.stress.page import stability_page
+from tests.studies.stress.sabotage import Disturbance, Tally, difference, disturbances, random_pairs, tallies
+from tests.studies.stress.voltages import coincidence
 
 ROOT = Path(__file__).parents[1]
 SHIPPED = sorted((ROOT / "scenarios").glob("*.toml"))
@@ -168,7 +170,7 @@ def _unchecked(disturbance: Disturbance, strikes):
 
     stack = ExitStack()
     for name in ("_check_smooth", "_check_end", "_check_margins"):
-        stack.enter_context(pytest.MonkeyPatch.context()).setattr(piece, name, lambda *_: None)
+        stack.enter_context(pytest.MonkeyPatch.context()).setattr(certify, name, lambda *_: None)
     stack.enter_context(disturbance.during(strikes))
     return stack
 
@@ -182,18 +184,24 @@ def test_difference() -> None:
 
 
 def test_disturbances_leave_nothing_behind() -> None:
-    before = (path._integrate, path.equilibrium, flow.integrate, flow.equilibrium, path._ATTEMPTS)
+    before = (follow._integrate, follow.newton, flow.integrate, flow.newton, follow._ATTEMPTS)
     tallies(SNAPPING[:1], disturbances())
-    assert before == (path._integrate, path.equilibrium, flow.integrate, flow.equilibrium, path._ATTEMPTS)
+    assert before == (
+        follow._integrate,
+        follow.newton,
+        flow.integrate,
+        flow.newton,
+        follow._ATTEMPTS,
+    )
 
 
 # -- cost and page -------------------------------------------------------------------------------------
 
 
 def test_shares_of_the_checks() -> None:
-    before = piece._check_margins
+    before = certify._check_margins
     found = shares([load_scenario(file) for file in SHIPPED[:2]], repetitions=1)
-    assert piece._check_margins is before
+    assert certify._check_margins is before
     assert len(found) == 5
     assert all(0.0 <= share < 1.0 for share in found.values())
     assert found["margins (`_check_margins`)"] > 0.0
@@ -222,10 +230,10 @@ def test_the_committed_page_has_every_case_with_its_outcome(committed: str) -> N
 
 def test_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     some = {"Some": [CASES["P₀ = 0"], CASES["P₀ at the snap, radius 1"]]}
-    monkeypatch.setattr("simulator.stress.page.groups", lambda: some)
-    monkeypatch.setattr("simulator.stress.page.random_pairs", lambda _: [])
-    monkeypatch.setattr("simulator.stress.page._shipped", lambda _: [load_scenario(SHIPPED[0])])
-    monkeypatch.setattr("simulator.stress.page.disturbances", lambda: disturbances()[:2])
+    monkeypatch.setattr("tests.studies.stress.page.groups", lambda: some)
+    monkeypatch.setattr("tests.studies.stress.page.random_pairs", lambda _: [])
+    monkeypatch.setattr("tests.studies.stress.page._shipped", lambda _: [load_scenario(SHIPPED[0])])
+    monkeypatch.setattr("tests.studies.stress.page.disturbances", lambda: disturbances()[:2])
     page = stability_page(tmp_path, tmp_path / "fuzz.json")
     assert "2 cases: 2 hold" in page
     assert "| P₀ = 0 | no pressure: tension is lost at once | loss of tension; loss of tension | 0 |" in page
@@ -245,14 +253,16 @@ def test_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("simulator.stress.page.stability_page", lambda scenarios, fuzz: f"{scenarios} {fuzz}")
-    done = CliRunner().invoke(cli.app, ["stress", "--out", str(tmp_path), "--scenarios", "there"])
+    monkeypatch.setattr(
+        "tests.studies.stress.page.stability_page", lambda scenarios, fuzz: f"{scenarios} {fuzz}"
+    )
+    done = CliRunner().invoke(app.app, ["stress", "--out", str(tmp_path), "--scenarios", "there"])
     assert (done.exit_code, done.stdout) == (0, f"files    {tmp_path}: stability.md\n")
     assert (tmp_path / "stability.md").read_text() == f"there {tmp_path / 'fuzz.json'}"
 
 
 def test_a_folder_without_scenarios_is_said(tmp_path: Path) -> None:
-    done = CliRunner().invoke(cli.app, ["stress", "--out", str(tmp_path / "x"), "--scenarios", str(tmp_path)])
+    done = CliRunner().invoke(app.app, ["stress", "--out", str(tmp_path / "x"), "--scenarios", str(tmp_path)])
     assert done.exit_code == 2
     assert f"{tmp_path}: scenarios: must hold the paper's fig*.toml" in done.stderr
     assert not (tmp_path / "x").exists()

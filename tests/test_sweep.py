@@ -13,14 +13,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simulator import load_scenario, simulate
-from simulator.simulation import SolverError
+from simulator.analysis.trace import trace
+from simulator.simulation.run import SolverError
 from simulator.sweep import load_sweep, read_sweep
 from simulator.sweep import rows as rows_room
 from simulator.sweep.optimum import read_question
 from simulator.sweep.plan import Axis, Sweep
 from simulator.sweep.reading import Range, _as_axis
 from simulator.sweep.rows import as_text, play
-from simulator.trace import trace
 from tests.pairs import pair
 from tests.sweeps import CHEAP, FIG3C, FIG5B, ROOT, swept
 
@@ -172,7 +172,7 @@ def test_a_run_without_sensitivities_keeps_its_other_numbers(monkeypatch):
     def none(*words):
         raise ArithmeticError("the state is no limit point")
 
-    monkeypatch.setattr("simulator.sensitivity.sensitivities", none)
+    monkeypatch.setattr("simulator.analysis.sensitivity.sensitivities", none)
     definition = {
         "scenario": str(FIG3C),
         "vary": {"step.1.inflate": [1.2]},

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from simulator.files import OutputError
+from simulator.results.files import OutputError
 from simulator.scenario import ScenarioError
 from simulator.sweep import load_sweep, read_sweep
 from tests.sweeps import CHEAP, FIG3C, balloons

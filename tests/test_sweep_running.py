@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simulator import files
-from simulator.files import OutputError
+from simulator.results import files
+from simulator.results.files import OutputError
 from simulator.scenario import ScenarioError
 from simulator.sweep import ExecutorError, load_sweep, load_table, read_sweep, run_sweep
 from simulator.sweep.rows import Task, play_chunk

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from simulator import ScenarioError, explain, load_scenario, simulate
-from simulator.sensitivity import all_sensitivities, sensitivities
-from simulator.terminal import summarise_run
+from simulator.analysis.sensitivity import all_sensitivities, sensitivities
+from simulator.cli.summary import summarise_run
 
 GENT = {"model": "gent", "J_lim": 100}
 SCALES = {"shear_modulus": "45 kPa", "thickness": "0.5 mm", "radius": "20 mm", "permittivity": 4.7}

@@ -12,13 +12,13 @@ from pairs import gent_force, pair, single
 from test_export import EXACT
 from typer.testing import CliRunner
 
-from simulator import cli
-from simulator.export import curve_columns, point_columns, write_curves
-from simulator.files import OutputError
-from simulator.path import PathError
-from simulator.plot import draw_curves_png, plot_curves
+from simulator.analysis.trace import Until, rests, sealed_state, trace, trace_all, trace_inflation
+from simulator.cli.app import app
+from simulator.results.files import OutputError
+from simulator.results.plot import draw_curves_png, plot_curves
+from simulator.results.tables import curve_columns, point_columns, write_curves
 from simulator.scenario import ScenarioError, load_scenario
-from simulator.trace import Until, rests, sealed_state, trace, trace_all, trace_inflation
+from simulator.solver.follow import PathError
 from tests.closed_form import Pair
 
 ROOT = Path(__file__).parent.parent
@@ -374,7 +374,7 @@ def test_picture_of_an_inflation_is_over_pressure():
 
 
 def command(*arguments: object):
-    return CliRunner().invoke(cli.app, [str(argument) for argument in arguments])
+    return CliRunner().invoke(app.app, [str(argument) for argument in arguments])
 
 
 SEALED = ROOT / "scenarios/fig3c_state_b.toml"
@@ -458,7 +458,7 @@ def test_a_path_that_cannot_be_followed_is_exit_code_3(tmp_path, monkeypatch):
     def fail(*_: object) -> None:
         raise PathError("lost the way")
 
-    monkeypatch.setattr("simulator.trace.trace", fail)
+    monkeypatch.setattr("simulator.analysis.trace.trace", fail)
     done = command("trace", SEALED, "--out", tmp_path / "out")
     assert done.exit_code == 3
     assert "the solver failed: lost the way" in done.stderr
@@ -469,6 +469,6 @@ def test_an_interrupted_trace_writes_nothing(tmp_path, monkeypatch):
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("simulator.trace.trace", interrupt)
+    monkeypatch.setattr("simulator.analysis.trace.trace", interrupt)
     assert command("trace", SEALED, "--out", tmp_path / "out").exit_code == 130
     assert not (tmp_path / "out").exists()

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simulator import equilibrium
-from simulator.explanation import explain
-from simulator.history import Outcome
+from simulator.cli.summary import summarise_run
+from simulator.results.history import Outcome
 from simulator.scenario import load_scenario
-from simulator.terminal import summarise_run
+from simulator.simulation.explanation import explain
+from simulator.solver import newton
 from tests.pairs import kinds, pair, run, single
 
 LOW = 0.015  # an ambient pressure at which the pair snaps out and back: Fig. 3c
@@ -355,7 +355,7 @@ def test_equal_actuators_beyond_their_branch_point():
 
 def test_what_lies_beyond_the_stop_may_fail(monkeypatch):
     """The step is walked to its end first; a failure there is none of a step that ends before."""
-    from simulator import flow
+    from simulator.solver import flow
 
     def fail(*_, **__):
         raise flow.FlowError("for the test")
@@ -370,15 +370,15 @@ def test_what_lies_beyond_the_stop_may_fail(monkeypatch):
 
 
 def test_a_state_that_newton_does_not_find_at_once_is_found_by_halving(monkeypatch):
-    polish, calls = equilibrium.at_event, []
+    polish, calls = newton.at_event, []
 
     def reluctant(equations, condition, guess):
         calls.append(condition.kind)
         if condition.kind.startswith("stretch") and len(calls) < 6:
-            raise equilibrium.NotConverged("for the test")
+            raise newton.NotConverged("for the test")
         return polish(equations, condition, guess)
 
-    monkeypatch.setattr(equilibrium, "at_event", reluctant)
+    monkeypatch.setattr(newton, "at_event", reluctant)
     history = run(pair(0.6, ramp(0.4, {"stretch": 1.12}), ambient=LOW))
     assert len(calls) >= 6
     assert history.stretch[-1, 0] == pytest.approx(1.12, rel=1e-12)

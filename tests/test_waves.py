@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simulator import drive
-from simulator.drive import VoltageCurve, VoltageLine, sine_of_turns
-from simulator.explanation import explain
-from simulator.history import Outcome
+from simulator.model import drive
+from simulator.model.drive import VoltageCurve, VoltageLine, sine_of_turns
+from simulator.results.history import Outcome
 from simulator.scenario import SineByName, load_scenario
+from simulator.simulation.explanation import explain
 from tests.pairs import gent_force, kinds, run
 from tests.test_until import actuators, ends
 
@@ -489,8 +489,8 @@ def test_sealed_at_no_pressure_a_wave_loses_tension_at_once(phase):
 
 
 def test_a_failed_leg_keeps_what_it_reached(monkeypatch):
-    from simulator import flow
-    from simulator.simulation import SolverError, simulate
+    from simulator.simulation.run import SolverError, simulate
+    from simulator.solver import flow
 
     snap, calls = flow.snap, []
 

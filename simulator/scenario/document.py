@@ -100,7 +100,7 @@ class Scenario(Frozen):
         Parameters
         ----------
         elastomers : mapping of str to elastomer
-            By balloon name: a table as in a file, or any object that fulfils `simulator.elastomer.Elastomer`,
+            By balloon name: a table as in a file, or any object that fulfils `simulator.model.elastomers.Elastomer`,
             such as one of that package or one of your own. An object is checked when it is first used: its
             functions are held against each other by complex steps.
 
@@ -111,7 +111,7 @@ class Scenario(Frozen):
 
         Examples
         --------
-        >>> from simulator.elastomer import Ogden
+        >>> from simulator.model.elastomers import Ogden
         >>> softer = scenario.with_elastomers({"active": Ogden((1.0, -0.1), (2.0, -2.0))})
         """
         names = [balloon.name for balloon in self.balloons]

@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError, ValidationInfo
 
-from simulator.files import write_files
-from simulator.keys import near
+from simulator.results.files import write_files
 from simulator.scenario import Problem, ScenarioError
 from simulator.scenario.fields import Chosen, Float, Frozen, Int, refused
+from simulator.scenario.keys import near
 from simulator.scenario.reading import read_toml
 from simulator.sweep.plan import Sweep
 from simulator.sweep.reading import read_sweep

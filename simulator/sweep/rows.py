@@ -16,14 +16,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from simulator import __version__
-from simulator.history import EventKind, Outcome
-from simulator.keys import with_values
+from simulator.results.history import EventKind, Outcome
 from simulator.scenario import Inflate, ScenarioError, load_scenario
-from simulator.simulation import SolverError, simulate
+from simulator.scenario.keys import with_values
+from simulator.simulation.run import SolverError, simulate
 from simulator.sweep.plan import Job, Value
 
 if TYPE_CHECKING:
-    from simulator.history import Event, History
+    from simulator.results.history import Event, History
 
 _AT_REST = 1e-6  # stretches closer than this are the same state of rest
 
@@ -262,7 +262,7 @@ def _played_step(history: History, number: int) -> object:
 
 
 def _sensitivities(history: History, job: Job) -> dict[str, Any]:
-    from simulator.sensitivity import sensitivities
+    from simulator.analysis.sensitivity import sensitivities
 
     inflating = _inflating(history)
     turns = [e for e in history.events if e.kind is EventKind.LIMIT_POINT and e.step not in inflating]

@@ -20,7 +20,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from simulator.files import OutputError, check_writable, write_files
+from simulator.results.files import OutputError, check_writable, write_files
 from simulator.scenario import Problem, ScenarioError
 from simulator.sweep.rows import columns
 

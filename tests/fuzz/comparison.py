@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from simulator import SolverError, load_scenario, simulate
-from simulator.exact import (
+from simulator.results.history import History
+from tests.oracle.closed_form import (
     Balloon,
     Jump,
     ReferenceEvent,
@@ -21,7 +22,6 @@ from simulator.exact import (
     reference_history,
     states_on,
 )
-from simulator.history import History
 
 EVENT_VOLTAGE = 1e-9
 STATE = 1e-8

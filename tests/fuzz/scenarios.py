@@ -10,7 +10,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from simulator import load_scenario
-from simulator.exact import SealedPair, equilibrium_curve
+from tests.oracle.closed_form import SealedPair, equilibrium_curve
 
 LEAST_PRESSURE = 1e-4
 

@@ -1,0 +1,1 @@
+"""Whole equilibrium paths, limit points in a second number, and sensitivities."""

@@ -1,0 +1,5 @@
+"""The command `balloons`."""
+
+from simulator.cli.app import app
+
+__all__ = ["app"]

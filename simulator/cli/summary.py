@@ -1,0 +1,296 @@
+"""What a reader sees in the terminal: summaries, tables and the progress bar."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from simulator import units
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from simulator.results.curve import Curve, FoldCurve
+    from simulator.results.history import FloatArray, History, Verdict
+    from simulator.scenario.presets import Material
+    from simulator.units import Dimension, Scales
+
+EVENTS_SHOWN = 20
+
+_PATIENCE = 1.0  # seconds a run may take before it shows a progress bar
+_REFRESH = 0.1  # seconds between two updates of the bar
+
+
+@contextmanager
+def progress_bar(*, quiet: bool) -> Iterator[Callable[[float], None] | None]:
+    """A function to report progress to; a bar appears once it has been at work for a second."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+
+    started = time.monotonic()
+    due = started + _PATIENCE
+    bar = None
+
+    def report(fraction: float) -> None:
+        nonlocal due, bar
+        now = time.monotonic()
+        if now < due:
+            return
+        due = now + _REFRESH
+        if bar is None:
+            from rich.console import Console
+            from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeRemainingColumn
+
+            # No refresh thread: it would compete with the solver for the interpreter.
+            bar = Progress(
+                BarColumn(),
+                TaskProgressColumn(),
+                TimeRemainingColumn(),
+                console=Console(stderr=True),
+                transient=True,
+                auto_refresh=False,
+            )
+            bar.add_task("playing", total=1.0)
+            bar.start()
+        bar.update(bar.task_ids[0], completed=fraction, refresh=True)
+
+    try:
+        yield report
+    finally:
+        if bar is not None:
+            bar.stop()
+
+
+def summarise_run(history: History, paths: list[Path]) -> None:
+    """Say how a history ended, what happened in it and what it cost."""
+    print(_printable(history.scenario.title))
+    second = " s" if history.scenario.scales else ""
+    end = f" at time {history.time[-1]:.10g}{second}" if len(history) else ""
+    print(f"\noutcome  {history.outcome.value}{end}")
+    if history.events:
+        print(f"events   {len(history.events)}")
+        _print_table(_event_table(history))
+        hidden = len(history.events) - EVENTS_SHOWN
+        if hidden > 0:
+            print(f"         … and {hidden} more, in events.csv")
+    else:
+        print("events   none")
+    for stop in history.stops[:EVENTS_SHOWN]:
+        how = f"ended at time {stop.time:.10g}{second} by {stop.reached}" if stop.reached else "not reached"
+        print(f"until    step {stop.step}: {how}")
+    if len(history.stops) > EVENTS_SHOWN:
+        print(f"         … and {len(history.stops) - EVENTS_SHOWN} more, in run.json")
+    for verdict in history.verdicts:
+        print(f"film     {_told(verdict, history.scenario.scales)}")
+    balance, statistics = history.energy_balance, history.statistics
+    print(f"energy   closes to {balance.relative_imbalance:.1e} of the work exchanged")
+    print(f"cost     {statistics.seconds:.3f} s, {statistics.ida_steps} IDA steps, {len(history)} samples")
+    print(f"files    {paths[0].parent}: {', '.join(path.name for path in paths)}")
+
+
+def _told(verdict: Verdict, scales: Scales | None) -> str:
+    """How a film fared, in words."""
+    where = f"at time {verdict.time:.7g}{' s' if scales else ''}, step {verdict.step}"
+    field, strength = (
+        units.said(units.FIELD, value * scales.field) if scales else _short(value)
+        for value in (verdict.field, verdict.strength)
+    )
+    field = f"field {field}, strength {strength}"
+    if verdict.broke:
+        during = {"path": "on the path", "snap": "in the snap", "jump": "at the jump"}[verdict.broke]
+        return f"{verdict.balloon}: broke {during} {where}: {field}"
+    return f"{verdict.balloon}: survived; closest {where}: {field}, margin {verdict.margin:.3g}"
+
+
+def summarise_trace(curves: Sequence[Curve], paths: list[Path], *, asked: bool) -> None:
+    """Say which special points equilibrium paths have and how they end.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+    paths : list of Path
+        Files written.
+    asked : bool
+        Whether the path was to stop at a voltage, pressure or stretch.
+    """
+    print(_printable(curves[0].title))
+    print(f"\npoints   {sum(len(curve.points) for curve in curves)}")
+    _print_table(_point_table(curves))
+    for i, curve in enumerate(curves, start=1):
+        which = f"curve {i}: " if len(curves) > 1 else ""
+        stable = f"{(curve.unstable == 0).mean():.0%}"
+        print(f"end      {which}{_ending(curve, asked=asked)}; {stable} of its points are stable")
+    print(f"cost     {sum(c.ida_steps for c in curves)} IDA steps, {sum(len(c) for c in curves)} points")
+    print(f"files    {paths[0].parent}: {', '.join(path.name for path in paths)}")
+
+
+def summarise_fold(curve: FoldCurve, to: str, paths: list[Path]) -> None:
+    """Say where the curve of a limit point begins and ends, and why.
+
+    Parameters
+    ----------
+    curve : FoldCurve
+    to : str
+        The value that was asked for, as it was.
+    paths : list of Path
+        Files written.
+    """
+    drive = "voltage" if curve.voltage.any() else "pressure"
+    values = curve.voltage if curve.voltage.any() else curve.pressure
+    print(_printable(curve.title))
+    for place, name in ((0, "from"), (-1, "to")):
+        value = _said(curve.scales, curve.dimension, float(curve.value[place]))
+        limit = _said(curve.scales, units.QUANTITIES[drive], float(values[place]))
+        print(f"{name:8} {curve.parameter} = {value}: {drive} {limit}")
+    reached = "reached" if curve.end == "reached" else f"{to} not reached: {curve.end.replace('_', ' ')}"
+    print(f"end      {reached}")
+    print(f"cost     {curve.ida_steps} IDA steps, {len(curve)} points")
+    print(f"files    {paths[0].parent}: {', '.join(path.name for path in paths)}")
+
+
+def list_presets(presets: Mapping[str, tuple[str, Material]]) -> None:
+    """Print elastomers by the name of a material.
+
+    Parameters
+    ----------
+    presets : mapping of str to (str, Material)
+        The elastomer in plain words, and its data.
+    """
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1, 1, 0))
+    table.add_column("preset", no_wrap=True)
+    table.add_column("elastomer")
+    table.add_column("μ / Pa", justify="right", no_wrap=True)
+    table.add_column("ε / ε₀", justify="right", no_wrap=True)
+    table.add_column("source", ratio=1)
+    for name, (words, material) in presets.items():
+        numbers = [
+            f"{x:.4g}" if x is not None else "" for x in (material.shear_modulus, material.permittivity)
+        ]
+        table.add_row(name, words, *numbers, f"{material.source}. Fitted to {material.fitted_to}.")
+    Console().print(table)
+
+
+def _ending(curve: Curve, *, asked: bool) -> str:
+    end = curve.end.kind.replace("_", " ")
+    if asked and curve.end.kind != "reached":
+        return f"not reached: the path ended by {end}"
+    return end
+
+
+def _point_table(curves: Sequence[Curve]) -> Table:
+    """The special points, one line each."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
+    if len(curves) > 1:
+        table.add_column("curve", justify="right", no_wrap=True)
+    table.add_column("point", no_wrap=True)
+    points = [point for curve in curves for point in curve.points]
+    scales = curves[0].scales
+    volts, volt = _unit(scales, units.VOLTAGE, [float(v) for point in points for v in point.voltage])
+    pascals, pascal = _unit(scales, units.PRESSURE, [point.pressure for point in points])
+    headings = [
+        *(f"voltage\n{name}{volt}" for name in curves[0].electroded),
+        *(f"stretch\n{name}" for name in curves[0].balloons),
+        f"pressure{pascal}",
+    ]
+    for heading in headings:
+        table.add_column(heading, justify="right", no_wrap=True)
+    for i, curve in enumerate(curves, start=1):
+        for point in curve.points:
+            values = (*(point.voltage * volts), *point.stretch, point.pressure * pascals)
+            number = [f"{i}"] if len(curves) > 1 else []
+            table.add_row(*number, point.kind, *(_short(value) for value in values))
+    return table
+
+
+def _event_table(history: History) -> Table:
+    """The first events, each on two lines: the state before, and under it the state after."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("time\n\\[s]" if history.scenario.scales else "time", justify="right", no_wrap=True)
+    table.add_column("step", justify="right", no_wrap=True)
+    table.add_column("event", no_wrap=True)
+    events = history.events[:EVENTS_SHOWN]
+    scales = history.scenario.scales
+    volts, volt = _unit(scales, units.VOLTAGE, [float(v) for event in events for v in event.voltage])
+    pressures = [p for event in events for p in (event.pressure_before, event.pressure_after)]
+    pascals, pascal = _unit(scales, units.PRESSURE, pressures)
+    joules, joule = _unit(scales, units.ENERGY, [event.dissipated for event in events])
+    headings = [
+        *(f"voltage\n{name}{volt}" for name in history.electroded),
+        *(f"stretch\n{name}" for name in history.balloons),
+        f"pressure{pascal}",
+        f"dissipated{joule}",
+    ]
+    for heading in headings:
+        table.add_column(heading, justify="right", no_wrap=True)
+    for event in events:
+        table.add_row(
+            f"{event.time:.7g}",
+            f"{event.step}",
+            event.kind.value if event.stretch_after is None else f"{event.kind.value}\n  to",
+            *(_short(value) for value in event.voltage * volts),
+            *_both_sides(event.stretch_before, event.stretch_after),
+            *_both_sides(event.pressure_before, event.pressure_after, pascals),
+            "" if event.dissipated is None else f"\n{_short(event.dissipated * joules)}",
+        )
+    return table
+
+
+def _both_sides(
+    before: FloatArray | float, after: FloatArray | float | None, factor: float = 1.0
+) -> list[str]:
+    sides = [before] if after is None else [before, after]
+    columns = zip(*([side] if isinstance(side, float) else side for side in sides), strict=True)
+    return ["\n".join(_short(value * factor) for value in column) for column in columns]
+
+
+def _unit(scales: Scales | None, dimension: Dimension, values: Sequence[float | None]) -> tuple[float, str]:
+    """What the dimensionless values of a column are to be multiplied by, and the end of its heading."""
+    if scales is None:
+        return 1.0, ""
+    scale = scales.of(dimension)
+    largest = max((abs(value) for value in values if value is not None), default=0.0)
+    size, unit = units.prefixed(dimension, largest * scale)
+    return scale / size, f"\n\\[{unit}]"  # escaped: rich takes brackets for markup
+
+
+def _said(scales: Scales | None, dimension: Dimension | None, value: float) -> str:
+    """A dimensionless value as such, or with its unit."""
+    if scales is None or dimension is None:
+        return f"{value:.10g}"
+    return units.said(dimension, value * scales.of(dimension), 10)
+
+
+def _printable(title: str) -> str:
+    """A title as one line: no control characters of a file reach the terminal."""
+    return "".join(letter if letter.isprintable() else " " for letter in title)
+
+
+def _short(value: float) -> str:
+    # Rounding errors about zero are noise to a reader; the files keep every digit.
+    return f"{value:.6g}" if abs(value) > 1e-11 else "0"
+
+
+def _print_table(table: Table) -> None:
+    from rich.console import Console
+    from rich.padding import Padding
+
+    console = Console()
+    shown = Padding(table, (0, 0, 1, 2), expand=False)
+    # A window too narrow, or a pipe, must not turn digits into an ellipsis: lines may rather run over.
+    needed = console.measure(shown, options=console.options.update(max_width=100_000)).maximum
+    Console(width=max(console.width, needed)).print(shown)

@@ -1,0 +1,224 @@
+"""The commands of `balloons` that play a scenario many times: words in, words out, no physics.
+
+Exit codes as in `cli`: 2 for input or an output directory that makes no sense, 3 where the executor (of an
+optimum: the solver) failed, 130 after Ctrl-C. What was written before stays, and `--resume` goes on with it.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, NoReturn
+
+import typer
+
+SweepArgument = Annotated[
+    Path, typer.Argument(metavar="SWEEP", help="Sweep file (TOML).", show_default=False)
+]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands to the command line."""
+    app.command()(sweep)
+    app.command("map")(draw_map)
+    app.command()(optimize)
+
+
+def sweep(
+    sweep: SweepArgument,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Where the results go.", show_default="results/<SWEEP's stem>-sweep"
+        ),
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=1, help="Processes.", show_default="the cores of this machine"),
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with the sweep that is in the directory.")
+    ] = False,
+    chunk: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", min=1, help="Runs handed out and written at a time.", show_default="1 to 1000"
+        ),
+    ] = None,
+    dask: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="Play on the workers of this dask scheduler.", show_default=False
+        ),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Play a scenario once for each point of a grid or a sample; write sweep.csv and sweep.parquet."""
+    from simulator.cli.summary_sweep import summarise_sweep, sweep_progress
+    from simulator.results.files import OutputError
+    from simulator.scenario import ScenarioError
+    from simulator.sweep import ExecutorError, read_sweep, run_sweep
+    from simulator.sweep.storage import stored, tally
+
+    directory = Path("results") / f"{sweep.stem}-sweep" if out is None else out
+    try:
+        read = read_sweep(sweep)
+        with _cluster(dask) as (executor, cores), sweep_progress(quiet=quiet) as progress:
+            result = run_sweep(
+                read,
+                directory,
+                workers=workers or cores,
+                executor=executor,
+                resume=resume,
+                chunk=chunk,
+                progress=progress,
+            )
+        if not quiet:
+            summarise_sweep(read.title, result, *tally(stored(directory)))
+    except (ScenarioError, OutputError) as error:
+        _fail(str(error), 2)
+    except ExecutorError as error:
+        _fail(f"{error}\n{_kept(directory)}", 3)
+    except KeyboardInterrupt:
+        _fail(f"interrupted; {_kept(directory)}", 130)
+
+
+def draw_map(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Results of a sweep.", show_default=False)],
+    x: Annotated[str, typer.Option("--x", metavar="KEY", help="What goes to the right.", show_default=False)],
+    y: Annotated[str, typer.Option("--y", metavar="KEY", help="What goes up.", show_default=False)],
+    color: Annotated[
+        str, typer.Option("--color", metavar="COLUMN", help="What is shown: categories or numbers.")
+    ] = "behaviour",
+    panels: Annotated[
+        str | None, typer.Option(metavar="KEY", help="One map for each value of it.", show_default=False)
+    ] = None,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=VALUE", help="Hold a key of the grid at a value.", show_default=False),
+    ] = None,
+    fold: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[VALUE=]FILE",
+            help="A fold.csv to draw on top, or in the panel of a value.",
+            show_default=False,
+        ),
+    ] = None,
+    mark: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[VALUE=]X,Y,TEXT", help="A point to mark, or in one panel.", show_default=False
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The picture.", show_default="DIR/map.png")
+    ] = None,
+    title: Annotated[
+        str | None, typer.Option(metavar="TEXT", help="Its title.", show_default="that of the sweep")
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Draw a sweep as a map: what happens, or any other column, over two of its keys."""
+    from simulator.results.files import OutputError, write_files
+    from simulator.sweep.picking import PickError, fold_line, pick
+    from simulator.sweep.picking import mark as point
+
+    picture = directory / "map.png" if out is None else out
+    try:
+        held = [(key, value) for key, _, value in (text.partition("=") for text in at or ())]
+        picked = pick(directory, x, y, color, panels, held)
+        lines = [fold_line(text, x, y) for text in fold or ()]
+        points = [point(text) for text in mark or ()]
+
+        from simulator.results.plot.map import MapCurve, MapMark, draw_map_png
+
+        content = draw_map_png(
+            picked.columns,
+            x,
+            y,
+            color,
+            panels=panels,
+            curves=[MapCurve(line.x, line.y, line.label, line.panel) for line in lines],
+            marks=[MapMark(*words) for words in points],
+            log=picked.log,
+            title=picked.title if title is None else title,
+        )
+        write_files(picture.parent, {picture.name: lambda stream: stream.write(content)})
+    except (PickError, OutputError) as error:
+        _fail(str(error), 2)
+    if not quiet:
+        print(f"files    {picture.parent}: {picture.name}")
+
+
+def optimize(
+    question: Annotated[
+        Path, typer.Argument(metavar="FILE", help="What to optimise (TOML).", show_default=False)
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Where the results go.", show_default="results/<FILE's stem>-optimum"
+        ),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Find the run that makes one column largest or smallest under conditions; write optimum.csv."""
+    from simulator.cli.summary_sweep import count_progress, summarise_optimum
+    from simulator.results.files import OutputError, check_writable
+    from simulator.scenario import ScenarioError
+    from simulator.sweep.optimum import OPTIMUM_FILES, read_question
+    from simulator.sweep.optimum import optimize as search
+
+    directory = Path("results") / f"{question.stem}-optimum" if out is None else out
+    try:
+        asked = read_question(question)
+        check_writable(directory, OPTIMUM_FILES)
+        with count_progress(quiet=quiet) as progress:
+            found = search(asked, progress=progress)
+        paths = found.to_csv(directory)
+    except (ScenarioError, OutputError) as error:
+        _fail(str(error), 2)
+    except KeyboardInterrupt:
+        _fail("interrupted, nothing written", 130)
+    if found.row is None:
+        _fail(f"none of {len(found.runs):,} runs meets the conditions; all are in {paths[-1]}", 3)
+    if not quiet:
+        summarise_optimum(found, paths)
+
+
+@contextmanager
+def _cluster(address: str | None) -> Iterator[tuple[Executor | None, int | None]]:
+    """The workers of a dask scheduler as an executor, and how many chunks they take at a time."""
+    if address is None:
+        yield None, None
+        return
+    from simulator.sweep.cluster import MissingExtra, connected
+
+    try:
+        with connected(address) as found:
+            yield found
+    except (MissingExtra, ConnectionError) as error:
+        _fail(str(error), 2)
+
+
+def _kept(directory: Path) -> str:
+    """How much of a sweep is safe, in words."""
+    from simulator.results.files import OutputError
+    from simulator.sweep.storage import stored
+
+    try:
+        store = stored(directory)
+    except OutputError:
+        return "nothing written"
+    done = store.rows_of(store.done())
+    return f"{done:,} of {store.size:,} runs are in {directory}; --resume goes on with them"
+
+
+def _fail(message: str, code: int) -> NoReturn:
+    print(f"balloons: {message}", file=sys.stderr)
+    raise typer.Exit(code)

@@ -1,0 +1,162 @@
+"""What can end a branch: conditions on the state, as data.
+
+A condition is a pure function of the state y, positive while all is well and falling through zero at the
+event. IDA evaluates it between residual calls, so it must compute from its arguments alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.model.elastomers import Number, largest_stretch
+from simulator.model.equations import Equations, OpenBalloon, SealedBalloons, State
+from simulator.model.membranes import ChargedMembrane, ElectrodedMembrane, OscillatingMembrane
+from simulator.model.strength import Strength
+
+FloatArray = NDArray[np.float64]
+
+ENDLESS = 1e3  # stretch that counts as without end
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One condition: `margin(y)` falls through zero at the event `kind`.
+
+    `margin` takes floats, complex numbers or rows of arrays; `slope(y)` is its gradient at one state.
+    """
+
+    kind: str
+    margin: Callable[[State], Number]
+    slope: Callable[[FloatArray], FloatArray]
+
+
+def conditions(
+    equations: SealedBalloons | OpenBalloon, strengths: Sequence[Strength | None]
+) -> tuple[Condition, ...]:
+    """The conditions that apply to a set of equations, stability first.
+
+    `strengths` are those of its balloons' films, None where there is none.
+    """
+    found = [stability(equations)]
+    if isinstance(equations, SealedBalloons):
+        found.append(tension(equations))
+        membranes: Sequence[object] = equations.membranes
+    else:
+        membranes = (equations.membrane,)
+    for place, (membrane, strength) in enumerate(zip(membranes, strengths, strict=True)):
+        if strength is not None and isinstance(
+            membrane, ElectrodedMembrane | ChargedMembrane | OscillatingMembrane
+        ):
+            found.append(intactness(membrane, place, strength))
+    for place, wall in enumerate(equations.walls):
+        if (largest := largest_stretch(wall.elastomer)) < math.inf:
+            found.append(validity(place, largest))
+        elif math.isinf(wall.elastomer.stretch_limit):
+            found.append(boundedness(place))
+    return tuple(found)
+
+
+def stability(equations: Equations) -> Condition:
+    """Smallest eigenvalue of the scaled Hessian S; zero at limit points and branch points."""
+    return singularity(equations, 0, 1.0)
+
+
+def singularity(equations: Equations, place: int, sign: float) -> Condition:
+    """±1 times the eigenvalue of S at a place in ascending order; zero where S is singular."""
+    stiffness, eigenvalue = equations.stiffness, equations.spectrum.eigenvalue
+
+    def margin(y: State) -> Number:
+        return sign * eigenvalue(*stiffness(y), place)
+
+    def slope(y: FloatArray) -> FloatArray:
+        # By complex steps in all unknowns at once.
+        diagonal, squares = (
+            np.array(np.broadcast_arrays(*part, y)[:-1], dtype=complex)
+            for part in stiffness(_complex_steps(y))
+        )
+        slopes = equations.spectrum.slopes(
+            softest_mode(equations, y, place),
+            diagonal.real[:, 0],
+            squares.real[:, 0],
+            diagonal.imag,
+            squares.imag,
+        )
+        return np.asarray(sign * slopes / _STEP)
+
+    return Condition("limit_point", margin, slope)
+
+
+def tension(equations: SealedBalloons) -> Condition:
+    """The pressure; at zero the membranes go slack."""
+    place = len(equations.membranes)
+
+    def slope(y: FloatArray) -> FloatArray:
+        out = np.zeros(y.size)
+        out[place] = 1.0
+        return out
+
+    return Condition("loss_of_tension", lambda y: y[place], slope)
+
+
+def intactness(
+    membrane: ElectrodedMembrane | ChargedMembrane | OscillatingMembrane, place: int, strength: Strength
+) -> Condition:
+    """1 − (E/E_b)² of one electroded balloon; at zero its film breaks down."""
+
+    def margin(y: State) -> Number:
+        share = membrane.field(y[place], y[-1]) / strength.at(y[place])
+        return 1.0 - share * share
+
+    return Condition("breakdown", margin, lambda y: gradient(margin, y))
+
+
+def validity(place: int, largest: float) -> Condition:
+    """How far a stretch is from the largest that its elastomer is known at."""
+
+    def slope(y: FloatArray) -> FloatArray:
+        out = np.zeros(y.size)
+        out[place] = -1.0
+        return out
+
+    return Condition("out_of_range", lambda y: largest - y[place], slope)
+
+
+def boundedness(place: int) -> Condition:
+    """How far a stretch is from 1000: a wall that never stiffens may grow without end at a finite drive."""
+    reached = validity(place, ENDLESS)
+    return Condition("runaway", reached.margin, reached.slope)
+
+
+_STEP = 1e-30
+
+
+def gradient(margin: Callable[[State], Number], y: FloatArray) -> FloatArray:
+    """Gradient of a smooth function of the state by complex steps, (n_unknowns,)."""
+    return np.asarray(np.imag(margin(_complex_steps(y))) / _STEP)
+
+
+def _complex_steps(y: FloatArray) -> NDArray[np.complex128]:
+    """One state with a complex step in each unknown, columns (n_unknowns, n_unknowns)."""
+    return np.asarray(y[:, None] + 1j * _STEP * np.eye(y.size))
+
+
+def eigenvalues(equations: Equations, y: FloatArray) -> FloatArray:
+    """Eigenvalues of S at one state, ascending: one for each balloon, with a liquid one fewer."""
+    return modes(equations, y)[0]
+
+
+def modes(equations: Equations, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Eigenvalues of S at one state, ascending, (n_modes,), and unit eigenvectors, (n_balloons, n_modes)."""
+    return equations.spectrum.modes(*equations.stiffness(y.tolist()))
+
+
+def softest_mode(equations: Equations, y: FloatArray, place: int = 0) -> FloatArray:
+    """Unit eigenvector of S at one state for its smallest eigenvalue (or that at `place`), (n_balloons,)."""
+    vectors = modes(equations, y)[1]
+    # One balloon on a liquid cannot move.
+    return np.asarray(vectors[:, place]) if vectors.size else np.zeros(len(vectors))

@@ -1,0 +1,180 @@
+"""The immutable result of a trace: an equilibrium path as points in order, and its special points.
+
+Like `history`, nothing is computed here, and tables, files and pictures are doors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from os import PathLike
+    from pathlib import Path
+
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from simulator.units import Dimension, Scales
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SpecialPoint:
+    """A point of an equilibrium path that has a name.
+
+    Attributes
+    ----------
+    kind : str
+        "limit_point" (v turns round), "branch_point" (another path crosses), "loss_of_tension" (p = 0),
+        "stretch_limit" (a stretch within 1e-6 of its limit), "out_of_range" (at the end of a measured curve),
+        "unbounded" (a stretch of 1000 of an elastomer without a limit), "zero_voltage", "reached" (what was
+        asked for), "closed" (the path is back where it began).
+    arclength, voltage, stretch, pressure
+        Where; voltage (n_electroded,), stretch (n_balloons,).
+    """
+
+    kind: str
+    arclength: float
+    voltage: FloatArray
+    stretch: FloatArray
+    pressure: float
+
+
+@dataclass(frozen=True)
+class Curve:
+    """An equilibrium path, stable and unstable parts alike, as points in order of arclength.
+
+    Attributes
+    ----------
+    title : str
+    balloons, electroded : tuple of str
+        Names, in the order of the columns below. The curve of one balloon's inflation names that one.
+    arclength : (n,) array
+        In scaled unknowns (stretches, pressure and voltage over their natural sizes).
+    voltage, field, charge : (n, n_electroded) arrays
+    stretch : (n, n_balloons) array
+    pressure, energy, stability : (n,) arrays
+        `energy` is the potential Π, `stability` the smallest eigenvalue of its Hessian.
+    unstable : (n,) array of int
+        Number of unstable directions; 0 is stable. Limit points belong to the part before them.
+    points : tuple of SpecialPoint
+        In order; the last says why the path ends.
+    ida_steps : int
+    radius : (n_balloons,) array
+        Unstretched, over the reference balloon's.
+    scales : Scales or None
+        What is 1 in SI units, for a scenario with [scales].
+    """
+
+    title: str
+    balloons: tuple[str, ...]
+    electroded: tuple[str, ...]
+    arclength: FloatArray
+    voltage: FloatArray
+    stretch: FloatArray
+    pressure: FloatArray
+    field: FloatArray
+    charge: FloatArray
+    energy: FloatArray
+    stability: FloatArray
+    unstable: NDArray[np.int64]
+    points: tuple[SpecialPoint, ...]
+    ida_steps: int
+    radius: FloatArray
+    scales: Scales | None = None
+
+    def __len__(self) -> int:
+        return int(self.arclength.size)
+
+    @property
+    def end(self) -> SpecialPoint:
+        """The last special point: where and why the path ends."""
+        return self.points[-1]
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """The points as a table, with the columns of `curve.csv`."""
+        from simulator.results.tables import curve_table
+
+        return curve_table(self)
+
+    def points_to_dataframe(self) -> pd.DataFrame:
+        """The special points as a table, with the columns of `points.csv`."""
+        from simulator.results.tables import points_table
+
+        return points_table(self)
+
+    def to_csv(self, directory: str | PathLike[str]) -> list[Path]:
+        """Write `curve.csv` and `points.csv` into `directory`; return their paths."""
+        from simulator.results.tables import write_curves
+
+        return write_curves([self], directory)
+
+    def plot(self) -> Figure:
+        """Draw stretch against voltage, stable solid, unstable dashed, special points marked."""
+        from simulator.results.plot import plot_curves
+
+        return plot_curves([self])
+
+
+@dataclass(frozen=True)
+class FoldCurve:
+    """A limit point as one number of the scenario changes, as points in order.
+
+    Attributes
+    ----------
+    title, parameter : str
+        The scenario's title, and the key of the number.
+    balloons : tuple of str
+    value : (n,) array
+        Of the parameter.
+    voltage : (n,) array
+        Voltage of the limit point; 0 where it is one of inflation.
+    stretch : (n, n_balloons) array
+    pressure : (n,) array
+    end : str
+        Why it ends: "reached", "cusp" (two limit points meet), "loss_of_tension" (p = 0), "zero_voltage",
+        "inflation_limit" (the inflated state itself ends).
+    ida_steps : int
+    dimension : Dimension or None
+        What the parameter measures.
+    scales : Scales or None
+        What is 1 in SI units, for a scenario with [scales].
+    """
+
+    title: str
+    parameter: str
+    balloons: tuple[str, ...]
+    value: FloatArray
+    voltage: FloatArray
+    stretch: FloatArray
+    pressure: FloatArray
+    end: str
+    ida_steps: int
+    dimension: Dimension | None = None
+    scales: Scales | None = None
+
+    def __len__(self) -> int:
+        return int(self.value.size)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """The points as a table, with the columns of `fold.csv`."""
+        from simulator.results.tables import fold_table
+
+        return fold_table(self)
+
+    def to_csv(self, directory: str | PathLike[str]) -> list[Path]:
+        """Write `fold.csv` into `directory`; return its path."""
+        from simulator.results.tables import write_fold
+
+        return write_fold(self, directory)
+
+    def plot(self) -> Figure:
+        """Draw the voltage of the limit point (of an inflation: its pressure) over the parameter."""
+        from simulator.results.plot import plot_fold
+
+        return plot_fold(self)

@@ -1,0 +1,276 @@
+"""The immutable result of a run: samples, events and how it ended.
+
+Nothing is computed here. `to_dataframe`, `to_csv` and `plot` are doors: each imports the room
+behind it (`export`, `plot`) when it is called, so that a run which needs no table loads no pandas.
+All quantities are dimensionless, see `docs/physics.md`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from os import PathLike
+    from pathlib import Path
+
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from simulator.scenario import Scenario
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+_BROKEN = 1e-9  # a margin that is zero to the accuracy of a flow
+
+
+class EventKind(StrEnum):
+    """What can happen on the way; the first two snap or leave a branch, the rest are named as they are."""
+
+    LIMIT_POINT = "limit_point"
+    BRANCH_POINT = "branch_point"
+    JUMP = "jump"
+    LOSS_OF_TENSION = "loss_of_tension"
+    BREAKDOWN = "breakdown"
+    RUNAWAY = "runaway"
+    OUT_OF_RANGE = "out_of_range"  # a stretch beyond the curve that its elastomer was measured on
+
+
+class Outcome(StrEnum):
+    """How a history ended. Everything but `FAILED` is physics, and a result."""
+
+    COMPLETED = "completed"
+    LOSS_OF_TENSION = "loss_of_tension"
+    BREAKDOWN = "breakdown"
+    RUNAWAY = "runaway"
+    OUT_OF_RANGE = "out_of_range"
+    FAILED = "failed"  # the solver gave up; the history up to there is kept, as partial
+
+
+@dataclass(frozen=True)
+class Event:
+    """One event with both sides of its jump; the `after` side is None where the history ends.
+
+    Attributes
+    ----------
+    time, step, kind
+        When, in which step (from 1, cycles unrolled), and what.
+    voltage : (n_electroded,) array
+        Voltages after the event. Only a `jump` changes them, and any event where charges are given. A valve
+        opened on a state that the shared gas alone held is a `jump` that leaves them as they are.
+    stretch_before, stretch_after : (n_balloons,) arrays
+    pressure_before, pressure_after : float
+    field_before, field_after : (n_electroded,) arrays
+        True electric fields.
+    dissipated : float or None
+        Potential lost in the jump, Π before − Π after at the drive of the event. None where there
+        is no after side.
+    """
+
+    time: float
+    step: int
+    kind: EventKind
+    voltage: FloatArray
+    stretch_before: FloatArray
+    stretch_after: FloatArray | None
+    pressure_before: float
+    pressure_after: float | None
+    field_before: FloatArray
+    field_after: FloatArray | None
+    dissipated: float | None
+
+
+@dataclass(frozen=True)
+class EnergyBalance:
+    """The books of a history, in units of 4πR²Hμ; see `docs/physics.md`.
+
+    `electrical_work` is ∫Σφ dq, `gas_work` is ∫p dV of the supply while the valve is open,
+    `stored` the change of Π + Σφq, `dissipated` what the jumps lost. `imbalance` is what is left
+    over, `exchanged` the work that went to and fro (∫|·|), against which it is to be judged.
+    """
+
+    electrical_work: float
+    gas_work: float
+    stored: float
+    dissipated: float
+    imbalance: float
+    exchanged: float
+
+    @property
+    def relative_imbalance(self) -> float:
+        """|imbalance| over the work exchanged; 0 where nothing was exchanged."""
+        return abs(self.imbalance) / self.exchanged if self.exchanged else 0.0
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """How close a film with a dielectric strength came to breakdown.
+
+    Attributes
+    ----------
+    balloon : str
+    broke : str or None
+        "path", "snap" or "jump", during which it broke; None for a film that survived.
+    time, step
+        Of the sample with the smallest margin; where it broke, if it did.
+    field, strength, margin : float
+        |E|, E_b and 1 − |E|/E_b there.
+    """
+
+    balloon: str
+    broke: str | None
+    time: float
+    step: int
+    field: float
+    strength: float
+    margin: float
+
+
+@dataclass(frozen=True)
+class Stop:
+    """How a step with `until` ended: `reached` says what ended it, None if nothing did before its time."""
+
+    step: int
+    time: float
+    reached: str | None
+
+
+@dataclass(frozen=True)
+class SolverStatistics:
+    """What the run cost."""
+
+    ida_solves: int
+    ida_steps: int
+    residual_calls: int
+    jacobian_calls: int
+    branches: int
+    snaps: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class History:
+    """Samples, events and outcome of one run.
+
+    Attributes
+    ----------
+    scenario : Scenario
+    balloons, electroded : tuple of str
+        Names of all balloons and of those with electrodes, in the order of the columns below.
+    time, step, branch : (n_samples,) arrays
+        `step` counts from 1 with cycles unrolled, `branch` counts jumps from 0.
+    voltage, field, charge : (n_samples, n_electroded) arrays
+    stretch : (n_samples, n_balloons) array
+    pressure, volume, gas, energy, stability : (n_samples,) arrays
+        `gas` is the amount (p + pₑ)V, of a liquid its volume; `energy` the potential Π (with −pV for its gas
+        terms while the valve is open, with +½φq where charges are given), `stability` the smallest
+        eigenvalue of its Hessian (NaN for one balloon on a liquid, which cannot move).
+    events : tuple of Event
+    outcome : Outcome
+    energy_balance : EnergyBalance
+    statistics : SolverStatistics
+    stops : tuple of Stop
+        Of the steps with `until`.
+    rated : tuple of str
+        Names of the balloons whose film has a dielectric strength, in the order of the columns below.
+    strength, margin : (n_samples, n_rated) arrays
+        The strength E_b of each film, and 1 − |E|/E_b, how far it is from breakdown.
+    """
+
+    scenario: Scenario
+    balloons: tuple[str, ...]
+    electroded: tuple[str, ...]
+    time: FloatArray
+    step: IntArray
+    branch: IntArray
+    voltage: FloatArray
+    stretch: FloatArray
+    pressure: FloatArray
+    volume: FloatArray
+    gas: FloatArray
+    field: FloatArray
+    charge: FloatArray
+    energy: FloatArray
+    stability: FloatArray
+    events: tuple[Event, ...]
+    outcome: Outcome
+    energy_balance: EnergyBalance
+    statistics: SolverStatistics
+    stops: tuple[Stop, ...] = ()
+    rated: tuple[str, ...] = ()
+    strength: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
+    margin: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
+
+    def __len__(self) -> int:
+        return int(self.time.size)
+
+    @property
+    def elastomers(self) -> dict[str, str]:
+        """Each balloon's elastomer in plain words, by the balloon's name."""
+        return {balloon.name: balloon.elastomer.words for balloon in self.scenario.balloons}
+
+    @property
+    def snaps(self) -> tuple[Event, ...]:
+        """Limit and branch points from which the balloons came to rest elsewhere, tension kept."""
+        kinds = (EventKind.LIMIT_POINT, EventKind.BRANCH_POINT)
+        lost = {event.time for event in self.events if event.kind is EventKind.LOSS_OF_TENSION}
+        return tuple(
+            event
+            for event in self.events
+            if event.kind in kinds and event.stretch_after is not None and event.time not in lost
+        )
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """Of every film with a strength, whether it survived and how close it came to breakdown."""
+        return tuple(self._verdict(i) for i in range(len(self.rated))) if len(self) else ()
+
+    def _verdict(self, film: int) -> Verdict:
+        margin = self.margin[:, film]
+        at, broke = int(np.argmin(margin)), None
+        if self.outcome is Outcome.BREAKDOWN and margin[-1] <= _BROKEN:
+            before = [event.kind for event in self.events[:-1] if event.time == self.events[-1].time]
+            at, broke = -1, "path"
+            if before:
+                broke = "jump" if before[-1] is EventKind.JUMP else "snap"
+        name = self.rated[film]
+        return Verdict(
+            name,
+            broke,
+            float(self.time[at]),
+            int(self.step[at]),
+            abs(float(self.field[at, self.electroded.index(name)])),
+            float(self.strength[at, film]),
+            float(margin[at]),
+        )
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """The samples as a table, one row each, with the columns of `history.csv`."""
+        from simulator.results.tables import history_table
+
+        return history_table(self)
+
+    def events_to_dataframe(self) -> pd.DataFrame:
+        """The events as a table, one row each, with the columns of `events.csv`."""
+        from simulator.results.tables import events_table
+
+        return events_table(self)
+
+    def to_csv(self, directory: str | PathLike[str]) -> list[Path]:
+        """Write `history.csv`, `events.csv` and `run.json` into `directory`; return their paths."""
+        from simulator.results.tables import write_run
+
+        return write_run(self, directory)
+
+    def plot(self) -> Figure:
+        """Draw the drive and stretches in time, and the stretch–voltage loop with its snaps dashed."""
+        from simulator.results.plot import plot_history
+
+        return plot_history(self)

@@ -1,0 +1,191 @@
+"""Equilibrium paths as a picture: stretch over voltage, or over pressure for an inflation.
+
+Stable states are solid, unstable ones dashed and thinner.
+"""
+
+from __future__ import annotations
+
+from textwrap import fill
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from simulator.results.plot.quantities import add_stretch_axis, shown_curves, shown_fold
+from simulator.results.plot.style import COLOURS, GREY, dress, mark, marker_style, png
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from numpy.typing import NDArray
+
+    from simulator.results.curve import Curve, FloatArray, FoldCurve
+
+STABLE: dict[str, Any] = {"linewidth": 1.8, "solid_capstyle": "round"}
+UNSTABLE: dict[str, Any] = {"linewidth": 1.0, "linestyle": (0, (4, 2))}
+
+_NEARLY = 0.95  # a path that runs off along its stretch limit is shown up to this part of it
+_MARKED = ("limit_point", "branch_point", "loss_of_tension", "out_of_range", "reached")
+
+
+def plot_curves(curves: Sequence[Curve]) -> Figure:
+    """Draw equilibrium paths of one scenario, one colour each, with a legend.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+        Of the same balloons.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Not registered with pyplot: save it with ``figure.savefig(path)``.
+    """
+    figure = Figure(figsize=(7.2, 5.2), layout="constrained")
+    ax = plot_paths(curves, figure.add_subplot())
+    # Titles are the user's words: a dollar sign in them is money, not mathematics.
+    ax.set_title(fill(curves[0].title, 70), parse_math=False, fontsize=12, fontweight="bold")
+    figure.legend(handles=_legend(curves), loc="outside lower center", ncols=3, frameon=False)
+    return figure
+
+
+def draw_curves_png(curves: Sequence[Curve], dots_per_inch: float = 150.0) -> bytes:
+    """The picture of `plot_curves` as the bytes of a PNG file."""
+    return png(plot_curves(curves), dots_per_inch)
+
+
+def plot_fold(curve: FoldCurve) -> Figure:
+    """Draw a limit point's voltage (of an inflation: its pressure) over the number that changes."""
+    figure = Figure(figsize=(6.4, 4.6), layout="constrained")
+    ax = dress(figure.add_subplot())
+    curve, labels, parameter = shown_fold(curve)
+    inflation = not curve.voltage.any()
+    drive = curve.pressure if inflation else curve.voltage
+    ax.plot(curve.value, drive, color=COLOURS[0], **STABLE)
+    ax.plot(curve.value[-1:], drive[-1:], "o", color=COLOURS[0])
+    right = curve.value[-1] > curve.value[0]
+    ax.annotate(
+        curve.end.replace("_", " "),
+        (curve.value[-1], drive[-1]),
+        (-8 if right else 8, 10),
+        textcoords="offset points",
+        ha="right" if right else "left",
+    )
+    ax.margins(0.08, 0.14)
+    ax.set_xlabel(parameter, parse_math=False)
+    shown = f"pressure of the limit point  {labels.pressure}"
+    ax.set_ylabel(shown if inflation else f"voltage of the limit point  {labels.voltage}")
+    ax.set_title(fill(curve.title, 60), parse_math=False, fontsize=12, fontweight="bold")
+    return figure
+
+
+def draw_fold_png(curve: FoldCurve, dots_per_inch: float = 150.0) -> bytes:
+    """The picture of `plot_fold` as the bytes of a PNG file."""
+    return png(plot_fold(curve), dots_per_inch)
+
+
+def plot_paths(curves: Sequence[Curve], ax: Axes) -> Axes:
+    """Draw stretch over voltage of the first electroded balloon (of an inflation: over pressure).
+
+    With [scales] it is the radius, with the stretch at the right.
+
+    Parts that run off along the stretch limit, to enormous voltages, are cut off.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+        Of the same balloons.
+    ax : matplotlib.axes.Axes
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The same axes.
+    """
+    curves, labels = shown_curves(curves, max(_farthest(curve) for curve in curves))
+    farthest = max(_farthest(curve) for curve in curves)
+    for i, curve in enumerate(curves):
+        x, y = _shown(curve)
+        seen = int(np.append(np.flatnonzero(x > 1.05 * farthest), x.size - 1)[0]) + 1
+        draw_path(x[:seen], y[:seen], curve.unstable[:seen], ax, COLOURS[i % len(COLOURS)])
+    for curve in curves:
+        balloon = _balloon(curve)
+        for point in curve.points:
+            at = float(point.voltage[0]) if curve.electroded else point.pressure
+            if point.kind in _MARKED and at <= farthest:
+                mark(point.kind, at, float(point.stretch[balloon]), ax)
+    balloon = _balloon(curves[0])
+    name = curves[0].balloons[balloon]
+    electroded = curves[0].electroded
+    ax.set_xlabel(f"voltage on {name}  {labels.voltage}" if electroded else f"pressure  {labels.pressure}")
+    ax.set_ylabel(f"{labels.extent} of {name}  {labels.size}")
+    if labels.unstretched:
+        add_stretch_axis(ax, labels.unstretched[balloon])
+    ax.margins(0.06)
+    ax.set_xlim(right=1.05 * farthest)
+    return dress(ax)
+
+
+def draw_path(
+    x: FloatArray, y: FloatArray, unstable: NDArray[np.int64], ax: Axes, colour: str, **style: Any
+) -> list[Line2D]:
+    """Draw one path, its stable parts solid and its unstable parts dashed and thinner.
+
+    Parameters
+    ----------
+    x, y : (n,) arrays
+    unstable : (n,) array of int
+        Number of unstable directions. A turning point belongs to the part before it.
+    ax : matplotlib.axes.Axes
+    colour : str
+    **style
+        Further keywords of the stable lines.
+
+    Returns
+    -------
+    list of Line2D
+        One for each part.
+    """
+    lines: list[Line2D] = []
+    starts = np.flatnonzero(np.diff(unstable > 0)) + 1
+    for start, end in zip([0, *starts], [*starts, x.size], strict=True):
+        part = slice(max(start - 1, 0), end)
+        dressed = UNSTABLE if unstable[start] else {**STABLE, **style}
+        lines += ax.plot(x[part], y[part], color=colour, **dressed)
+    return lines
+
+
+def _balloon(curve: Curve) -> int:
+    return curve.balloons.index(curve.electroded[0]) if curve.electroded else 0
+
+
+def _shown(curve: Curve) -> tuple[FloatArray, FloatArray]:
+    return curve.voltage[:, 0] if curve.electroded else curve.pressure, curve.stretch[:, _balloon(curve)]
+
+
+def _farthest(curve: Curve) -> float:
+    """The voltage or pressure up to which a path is worth showing."""
+    x, y = _shown(curve)
+    marked = [p.voltage[0] if curve.electroded else p.pressure for p in curve.points[:-1]]
+    if curve.end.kind == "unbounded" and marked:
+        return 1.2 * float(max(marked))
+    if curve.end.kind != "stretch_limit":
+        return float(x.max())
+    shown = y <= _NEARLY * y[-1]
+    return float(max([x[shown].max() if shown.any() else x[0], *(1.2 * value for value in marked)]))
+
+
+def _legend(curves: Sequence[Curve]) -> list[Artist]:
+    names = ["stable"] if len(curves) == 1 else [f"curve {i}, stable" for i in range(1, len(curves) + 1)]
+    handles: list[Artist] = [
+        Line2D([], [], color=COLOURS[i % len(COLOURS)], label=name, **STABLE) for i, name in enumerate(names)
+    ]
+    if any((curve.unstable > 0).any() for curve in curves):
+        handles.append(Line2D([], [], color=GREY, label="unstable", **UNSTABLE))
+    kinds = dict.fromkeys(point.kind for curve in curves for point in curve.points if point.kind in _MARKED)
+    words = {kind: kind.replace("_", " ") for kind in kinds} | {"reached": "where it was to stop"}
+    handles += [Line2D([], [], label=words[kind], **marker_style(kind)) for kind in kinds]
+    return handles

@@ -1,0 +1,461 @@
+"""A history as a picture: drive and stretches in time, and the stretch–voltage loop.
+
+Every `plot_*` function but `plot_history` draws into axes it is given and returns them. Solid lines
+are states the balloons went through; a jump is dashed, since nothing in between was an equilibrium.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import pairwise
+from math import ceil, dist
+from textwrap import fill
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from simulator.results.history import EventKind, Outcome
+from simulator.results.plot.quantities import Labels, add_stretch_axis, shown_history
+from simulator.results.plot.style import (
+    BLACK,
+    COLOURS,
+    GREY,
+    WORDS,
+    arrowhead,
+    dress,
+    mark,
+    marker_style,
+    png,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from numpy.typing import NDArray
+
+    from simulator.results.history import Event, FloatArray, History
+
+    BoolArray = NDArray[np.bool_]
+    IntArray = NDArray[np.int64]
+    Point = tuple[float, float]
+
+END_STYLE: dict[str, Any] = {
+    "marker": "o",
+    "markersize": 7.0,
+    "markerfacecolor": "white",
+    "markeredgecolor": BLACK,
+    "markeredgewidth": 1.2,
+    "linestyle": "none",
+    "zorder": 4,
+}
+
+# Beyond these a picture gains ink and no information.
+MOST_POINTS = 3000
+MOST_TURNS = 150
+MOST_MARKED_EVENTS = 40
+MOST_ARROWS = 8
+LEGEND_COLUMNS = 6
+
+# Shorter than this part of the panel, an arrow is all head.
+SHORTEST_ARROW = 0.05
+
+_GRID = 1000  # a loop's points closer than 1/1000 of its height or width are one point
+
+
+def plot_history(history: History) -> Figure:
+    """Draw a whole history: drive and stretches in time at the left, the loop at the right.
+
+    Parameters
+    ----------
+    history : History
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Not registered with pyplot: save it with ``figure.savefig(path)``.
+    """
+    # Room at the left: the labels of a column are aligned after the layout is made.
+    figure = Figure(figsize=(11.0, 6.4), layout=ConstrainedLayoutEngine(w_pad=0.09, wspace=0.06))
+    has_voltage = bool(history.electroded)
+    heights = [1.0, 1.0, 2.0] if has_voltage else [1.0, 2.0]
+    grid = figure.add_gridspec(len(heights), 2, height_ratios=heights, width_ratios=[1.1, 1.0])
+    panels = [figure.add_subplot(grid[0, 0])]
+    panels += [figure.add_subplot(grid[row, 0], sharex=panels[0]) for row in range(1, len(heights))]
+    loop = figure.add_subplot(grid[:, 1])
+
+    if has_voltage:
+        plot_voltage(history, panels[0])
+    plot_pressure(history, panels[-2])
+    plot_stretches(history, panels[-1])
+    plot_loop(history, loop)
+
+    for panel in panels[:-1]:
+        panel.tick_params(labelbottom=False)
+        panel.set_xlabel("")
+    figure.align_ylabels(panels)
+    # Titles are the user's words: a dollar sign in them is money, not mathematics.
+    figure.suptitle(fill(history.scenario.title, 90), parse_math=False, fontsize=13, fontweight="bold")
+    loop.set_title(_ending(history), fontsize=10, color=GREY, loc="right")
+    handles = _legend(history)
+    columns = ceil(len(handles) / ceil(len(handles) / LEGEND_COLUMNS))
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False)
+    return figure
+
+
+def draw_png(history: History, dots_per_inch: float = 150.0) -> bytes:
+    """The picture of `plot_history` as the bytes of a PNG file."""
+    return png(plot_history(history), dots_per_inch)
+
+
+def plot_voltage(history: History, ax: Axes) -> Axes:
+    """Draw the voltage of every electroded balloon in time; one black line where all are the same.
+
+    Parameters
+    ----------
+    history : History
+    ax : matplotlib.axes.Axes
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The same axes.
+    """
+    history, labels = shown_history(history)
+    voltage = history.voltage
+    if _is_common(voltage):
+        _draw_in_time(history, voltage[:, 0], ax, BLACK, 1.5)
+    else:
+        for i, name in enumerate(history.electroded):
+            _draw_in_time(history, voltage[:, i], ax, _colour(history, name), _width(i))
+    return _dress_time_axes(ax, labels, f"voltage\n{labels.voltage}")
+
+
+def plot_pressure(history: History, ax: Axes) -> Axes:
+    """Draw the excess pressure in time.
+
+    Parameters
+    ----------
+    history : History
+    ax : matplotlib.axes.Axes
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The same axes.
+    """
+    history, labels = shown_history(history)
+    _draw_in_time(history, history.pressure, ax, BLACK, 1.5)
+    return _dress_time_axes(ax, labels, f"pressure\n{labels.pressure}")
+
+
+def plot_stretches(history: History, ax: Axes) -> Axes:
+    """Draw the stretch of every balloon in time, with the events on the balloon that each moves most.
+
+    Where the scenario has [scales] it is the radius.
+
+    Parameters
+    ----------
+    history : History
+    ax : matplotlib.axes.Axes
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The same axes.
+    """
+    history, labels = shown_history(history)
+    for i, name in enumerate(history.balloons):
+        _draw_in_time(history, history.stretch[:, i], ax, _colour(history, name), _width(i))
+    if len(history.events) <= MOST_MARKED_EVENTS:
+        for event in history.events:
+            mark(event.kind, event.time, event.stretch_before[_most_moved(history, event)], ax)
+    return _dress_time_axes(ax, labels, f"{labels.extent}\n{labels.size}")
+
+
+def plot_loop(history: History, ax: Axes) -> Axes:
+    """Draw stretch over voltage of the first electroded balloon, with jumps dashed and events marked.
+
+    Where no balloon has electrodes it is stretch over pressure of the first balloon. Parts of the
+    loop that are retraced, cycle after cycle, are drawn once. Where the scenario has [scales] it is
+    the radius, with the stretch at the right.
+
+    Parameters
+    ----------
+    history : History
+    ax : matplotlib.axes.Axes
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The same axes.
+    """
+    history, labels = shown_history(history)
+    balloon = _shown_balloon(history)
+    name = history.balloons[balloon]
+    colour = _colour(history, name)
+    x = history.voltage[:, 0] if history.electroded else history.pressure
+    y = history.stretch[:, balloon]
+    if len(history):
+        spans = np.array([_span(x), _span(y)])
+        moving = _moving(x, y, history.branch, spans)
+        x, y, branch = x[moving], y[moving], history.branch[moving]
+        new = _first_passages(x, y, branch, spans)
+        ax.plot(*_polyline(x, y, new), color=colour, linewidth=1.8, solid_capstyle="round")
+        for start, end in _travelled(x, y, new, spans):
+            arrowhead(start, end, ax, colour)
+        at_once = [event.time for event in history.events if event.kind is EventKind.JUMP]
+        first_the_drive = np.isin(history.time[moving], at_once)
+        for before, corner, after in _distinct_jumps(x, y, branch, spans, first_the_drive):
+            ax.plot(*zip(before, corner, after, strict=True), color=colour, linewidth=1.2, linestyle="--")
+            if dist(corner / spans, after / spans) > SHORTEST_ARROW:
+                arrowhead(corner, after, ax, colour)
+        for kind, at in _distinct_marks(history, balloon, spans):
+            mark(kind, at[0], at[1], ax)
+        if _stops_between_events(history):
+            ax.plot(x[-1:], y[-1:], **END_STYLE)
+    drive = f"voltage on {name}  {labels.voltage}" if history.electroded else f"pressure  {labels.pressure}"
+    ax.set_xlabel(drive)
+    ax.set_ylabel(f"{labels.extent} of {name}  {labels.size}")
+    ax.margins(0.06)
+    if labels.unstretched:
+        add_stretch_axis(ax, labels.unstretched[balloon])
+    return dress(ax)
+
+
+def _draw_in_time(history: History, values: FloatArray, ax: Axes, colour: str, width: float) -> None:
+    """A line in time, solid along a branch and dashed from one to the next; where crowded, a band."""
+    if not values.size:
+        return
+    if _is_crowded(values):
+        starts = _bins(values.size, _turns(values) // 4)
+        low, high = np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
+        # Each bin reaches to the next one's first sample, and the last to the end.
+        edges = history.time[np.append(starts, values.size - 1)]
+        bounds = np.append(low, low[-1]), np.append(high, high[-1])
+        ax.fill_between(edges, *bounds, step="post", color=colour, alpha=0.35, linewidth=0.0)
+        return
+    kept = _envelope(values, _last_of_branches(history.branch))
+    unmoved = _span(values) / _GRID
+    time, values, branch = history.time[kept], values[kept], history.branch[kept]
+    # A jump of another quantity leaves this line whole.
+    joined = np.asarray((np.diff(branch) == 0) | (np.abs(np.diff(values)) < unmoved))
+    ax.plot(*_polyline(time, values, joined), color=colour, linewidth=width, solid_capstyle="round")
+    ends = np.flatnonzero(~joined)
+    gap = np.full(ends.size, np.nan)
+    ax.plot(
+        np.column_stack([time[ends], time[ends + 1], gap]).ravel(),
+        np.column_stack([values[ends], values[ends + 1], gap]).ravel(),
+        color=colour,
+        linewidth=1.2,
+        linestyle="--",
+    )
+
+
+def _is_crowded(values: FloatArray) -> bool:
+    """Whether a line in time goes up and down so often that it would fill the panel like a wall."""
+    return _turns(values) > MOST_TURNS
+
+
+def _turns(values: FloatArray) -> int:
+    # To within the grid: rounding errors of a constant turn at every sample.
+    moves = np.sign(np.diff(np.round(values / _span(values) * _GRID)))
+    moves = moves[moves != 0]
+    return int(np.count_nonzero(np.diff(moves)))
+
+
+def _bins(size: int, count: int) -> IntArray:
+    """First indices of `count` consecutive bins, at most 400."""
+    edges = np.linspace(0, size, min(count, 400), endpoint=False)
+    return edges.astype(np.int64)
+
+
+def _envelope(values: FloatArray, ends: IntArray) -> IntArray:
+    """Indices that draw the same line with few points: extremes of consecutive bins, and all jumps."""
+    if values.size <= MOST_POINTS:
+        return np.arange(values.size)
+    starts = np.linspace(0, values.size, MOST_POINTS // 2 + 1).astype(np.int64)
+    bins = list(pairwise(starts))
+    highest = [a + int(np.argmax(values[a:b])) for a, b in bins]
+    lowest = [a + int(np.argmin(values[a:b])) for a, b in bins]
+    return np.unique(np.concatenate([[0, values.size - 1], highest, lowest, ends, ends + 1])).astype(np.int64)
+
+
+def _last_of_branches(branch: IntArray) -> IntArray:
+    return np.flatnonzero(np.diff(branch))
+
+
+def _polyline(x: FloatArray, y: FloatArray, drawn: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Points of a line that is broken (by NaN) wherever the segment to the next point is not drawn."""
+    # Points with no drawn segment on either side go, so that a thousand retraced cycles cost nothing.
+    kept = np.flatnonzero(np.append(drawn, False) | np.insert(drawn, 0, False))
+    joined = drawn[kept[:-1]] & (np.diff(kept) == 1)
+    breaks = np.flatnonzero(~joined) + 1
+    return np.insert(x[kept], breaks, np.nan), np.insert(y[kept], breaks, np.nan)
+
+
+def _moving(x: FloatArray, y: FloatArray, branch: IntArray, spans: FloatArray) -> BoolArray:
+    """Samples that are somewhere else than the one before, and both ends of every branch."""
+    cell = _cells(x, y, spans)
+    jumps = np.diff(branch) != 0
+    moved = np.any(np.diff(cell, axis=0) != 0, axis=1) | jumps
+    return np.asarray(np.insert(moved, 0, True) | np.append(jumps, True))
+
+
+def _cells(x: FloatArray, y: FloatArray, spans: FloatArray) -> IntArray:
+    return np.round(np.column_stack([x, y]) / spans * _GRID).astype(np.int64)
+
+
+def _first_passages(x: FloatArray, y: FloatArray, branch: IntArray, spans: FloatArray) -> BoolArray:
+    """Of the segments between samples, those on one branch that were not drawn before, to within the grid."""
+    cell = _cells(x, y, spans)
+    steps = np.column_stack([cell[:-1], cell[1:]])
+    first = np.zeros(len(steps), dtype=bool)
+    if len(steps):
+        first[np.unique(steps, axis=0, return_index=True)[1]] = True
+    same_branch = np.diff(branch) == 0
+    return np.asarray(first & same_branch)
+
+
+def _travelled(
+    x: FloatArray, y: FloatArray, drawn: BoolArray, spans: FloatArray
+) -> list[tuple[Point, Point]]:
+    """Where to show the direction of travel: a short piece inside each long stretch of one direction."""
+    direction = np.where(drawn, np.sign(np.diff(x)), 0)
+    turns = np.flatnonzero(np.diff(direction)) + 1
+    scaled = np.column_stack([x, y]) / spans
+    runs = []
+    for start, end in zip([0, *turns], [*turns, len(drawn)], strict=True):
+        if direction.size == 0 or direction[start] == 0:
+            continue
+        length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(scaled[start : end + 1], axis=0).T))])
+        # Past the middle, so that the arrows of a curve travelled both ways do not sit on one another.
+        at = start + int(np.searchsorted(length, 0.6 * length[-1]))
+        runs.append((length[-1], at))
+    longest = sorted(runs, reverse=True)[:MOST_ARROWS]
+    return [
+        ((float(x[at - 1]), float(y[at - 1])), (float(x[at]), float(y[at])))
+        for length, at in longest
+        if length > 0.15 and at > 0
+    ]
+
+
+def _distinct_jumps(
+    x: FloatArray, y: FloatArray, branch: IntArray, spans: FloatArray, first_the_drive: BoolArray
+) -> list[tuple[Point, Point, Point]]:
+    """Before, corner and after of every jump that looks different.
+
+    Where a voltage jumps, first the drive moves, then the state. At a given charge a snap moves both at once.
+    """
+    jumps: dict[tuple[int, ...], tuple[Point, Point, Point]] = {}
+    for i in _last_of_branches(branch):
+        before, after = (float(x[i]), float(y[i])), (float(x[i + 1]), float(y[i + 1]))
+        moves_first = first_the_drive[i] and before[1] != after[1] and before[0] != after[0]
+        corner = (after[0], before[1]) if moves_first else before
+        key = (*_cell(before, spans), *_cell(after, spans))
+        if key[:2] != key[2:]:  # another balloon may have jumped
+            jumps.setdefault(key, (before, corner, after))
+    return list(jumps.values())
+
+
+def _distinct_marks(history: History, balloon: int, spans: FloatArray) -> list[tuple[EventKind, Point]]:
+    """Kind and place of the events that concern the balloon shown, each place once."""
+    marks: dict[tuple[EventKind, int, int], tuple[EventKind, Point]] = {}
+    for event in history.events:
+        drive = float(event.voltage[0]) if history.electroded else event.pressure_before
+        if history.electroded and event.kind is not EventKind.JUMP:
+            # At a given charge the voltage falls in a snap; the event has it after that.
+            drive = _voltage_before(history, event)
+        at = (drive, float(event.stretch_before[balloon]))
+        after = event.stretch_after
+        if after is not None and _cell(at, spans) == _cell((drive, float(after[balloon])), spans):
+            continue
+        key = (event.kind, *_cell(at, spans))
+        marks.setdefault(key, (event.kind, at))
+    return list(marks.values())
+
+
+def _voltage_before(history: History, event: Event) -> float:
+    rows = np.flatnonzero(history.time == event.time)
+    same = rows[(history.stretch[rows] == event.stretch_before).all(axis=1)]
+    return float(history.voltage[same[0] if same.size else rows[0], 0])
+
+
+def _cell(at: Point, spans: FloatArray) -> tuple[int, int]:
+    return round(at[0] / spans[0] * _GRID), round(at[1] / spans[1] * _GRID)
+
+
+def _legend(history: History) -> list[Artist]:
+    voltage, stretch = history.voltage, history.stretch
+    handles: list[Artist] = [
+        Line2D([], [], color=_colour(history, name), linewidth=1.8, label=f"balloon {name}")
+        for name in history.balloons
+    ]
+    if _is_common(voltage):
+        handles.append(Line2D([], [], color=BLACK, linewidth=1.5, label="voltage, the same on all"))
+    if any(_is_crowded(values) for values in stretch.T if values.size):
+        handles.append(Patch(color=GREY, alpha=0.35, linewidth=0.0, label="range over many cycles"))
+    kinds = Counter(event.kind for event in history.events)
+    if _last_of_branches(history.branch).size:
+        label = "snap or jump" if EventKind.JUMP in kinds else "snap"
+        handles.append(Line2D([], [], color=GREY, linewidth=1.2, linestyle="--", label=label))
+    for kind, count in kinds.items():
+        times = f"  ({count}×)" if count > 1 else ""
+        handles.append(Line2D([], [], label=WORDS[kind] + times, **marker_style(kind)))
+    if len(history) and _stops_between_events(history):
+        handles.append(Line2D([], [], label="end", **END_STYLE))
+    return handles
+
+
+def _stops_between_events(history: History) -> bool:
+    """Whether no event marks the place where the history ends."""
+    return history.outcome in (Outcome.COMPLETED, Outcome.FAILED)
+
+
+def _is_common(voltage: FloatArray) -> bool:
+    """Whether there are several electroded balloons, always at one voltage."""
+    return voltage.shape[1] > 1 and bool((voltage == voltage[:, :1]).all())
+
+
+def _ending(history: History) -> str:
+    if not len(history):
+        return "nothing was computed"
+    if history.outcome is Outcome.COMPLETED:
+        return ""
+    time = f"time {history.time[-1]:.6g}{' s' if history.scenario.scales else ''}"
+    if history.outcome is Outcome.FAILED:
+        return f"partial: the solver failed after {time}"
+    return f"ended by {history.outcome.value.replace('_', ' ')} at {time}"
+
+
+def _shown_balloon(history: History) -> int:
+    return history.balloons.index(history.electroded[0]) if history.electroded else 0
+
+
+def _most_moved(history: History, event: Event) -> int:
+    if event.stretch_after is None:
+        return _shown_balloon(history)
+    return int(np.argmax(np.abs(np.log(event.stretch_after / event.stretch_before))))
+
+
+def _span(values: FloatArray) -> float:
+    return float(np.ptp(values)) or 1.0
+
+
+def _colour(history: History, name: str) -> str:
+    return COLOURS[history.balloons.index(name) % len(COLOURS)]
+
+
+def _width(i: int) -> float:
+    """Later lines are thinner, so that a line they cover still shows beside them."""
+    return (2.2, 1.4)[i] if i < 2 else 1.0
+
+
+def _dress_time_axes(ax: Axes, labels: Labels, label: str) -> Axes:
+    ax.set_xlabel(f"time  {labels.time}")
+    ax.set_ylabel(label)
+    ax.margins(x=0.01, y=0.08)
+    return dress(ax)

@@ -1,0 +1,92 @@
+"""What all pictures share: colours, labels, marks, and how a figure becomes bytes."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from typing import TYPE_CHECKING, Any
+
+from simulator.results.history import EventKind
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    Point = tuple[float, float]
+
+# Okabe & Ito's palette, which colour-blind readers can tell apart; one colour per balloon.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+BLACK = "#000000"
+GREY = "#7F7F7F"
+
+VOLTAGE = "Φ√(ε/μ)/H"
+PRESSURE = "PR/(μH)"
+STRETCH = "λ = r/R"
+
+MARKERS: dict[str, str] = {
+    EventKind.LIMIT_POINT: "*",
+    EventKind.BRANCH_POINT: "P",
+    EventKind.JUMP: "o",
+    EventKind.LOSS_OF_TENSION: "X",
+    EventKind.BREAKDOWN: "D",
+    EventKind.RUNAWAY: "^",
+    EventKind.OUT_OF_RANGE: "v",
+    "reached": "s",
+}
+MARKER_SIZES: dict[str, float] = {
+    EventKind.LIMIT_POINT: 12.0,
+    EventKind.JUMP: 5.5,
+    EventKind.BREAKDOWN: 6.5,
+    "reached": 6.0,
+}
+
+WORDS = {kind: kind.value.replace("_", " ") for kind in EventKind} | {EventKind.JUMP: "voltage jump"}
+
+
+def png(figure: Figure, dots_per_inch: float = 150.0) -> bytes:
+    """A figure as the bytes of a PNG file; the same figure gives the same bytes."""
+    stream = BytesIO()
+    figure.savefig(stream, format="png", dpi=dots_per_inch, metadata={"Software": None})
+    return stream.getvalue()
+
+
+def mark(kind: str, x: float, y: float, ax: Axes) -> None:
+    """Put the marker of an event or a special point somewhere."""
+    ax.plot([x], [y], zorder=5, **marker_style(kind))
+
+
+def marker_style(kind: str) -> dict[str, Any]:
+    """The marker of an event or a special point, as keywords of a line."""
+    return {
+        "marker": MARKERS[kind],
+        "markersize": MARKER_SIZES.get(kind, 8.0),
+        "markerfacecolor": BLACK,
+        "markeredgecolor": "white",
+        "markeredgewidth": 0.7,
+        "linestyle": "none",
+    }
+
+
+def arrowhead(start: Point, end: Point, ax: Axes, colour: str) -> None:
+    """A head without a shaft, at the end of a line from `start` to `end`."""
+    ax.annotate(
+        "",
+        xy=end,
+        xytext=start,
+        arrowprops={
+            "arrowstyle": "-|>,head_length=0.5,head_width=0.22",
+            "color": colour,
+            "linewidth": 0.0,
+            "shrinkA": 0.0,
+            "shrinkB": 0.0,
+            "mutation_scale": 14.0,
+        },
+        zorder=3,
+    )
+
+
+def dress(ax: Axes) -> Axes:
+    """Axes with a light grid and no box."""
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.grid(color="#E5E5E5", linewidth=0.6)
+    ax.set_axisbelow(True)
+    return ax

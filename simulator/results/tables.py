@@ -1,0 +1,460 @@
+"""Histories and equilibrium paths on disk and as tables: CSV, `run.json`, pandas.
+
+Columns are assembled once (`history_columns`, `event_columns`, `curve_columns`, `point_columns`) and go
+two ways: into a pandas table, or as text into a file. The text does not pass through pandas: formatting
+rows here takes less time than `DataFrame.to_csv` and spares a command-line run the import.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.results.files import write_files
+from simulator.results.history import Outcome
+from simulator.units import VOLUME, in_si
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from simulator.results.curve import Curve, FoldCurve, SpecialPoint
+    from simulator.results.history import Event, FloatArray, History
+    from simulator.results.sensitivity import Sensitivity
+
+Columns = dict[str, NDArray[Any]]
+
+RUN_FILES = ("history.csv", "events.csv", "run.json")
+TRACE_FILES = ("curve.csv", "points.csv")
+FOLD_FILE = "fold.csv"
+SENSITIVITIES_FILE = "sensitivities.csv"
+
+_ROWS_AT_ONCE = 8192
+
+
+def history_columns(history: History) -> Columns:
+    """The samples by column, in the order of `history.csv`.
+
+    Parameters
+    ----------
+    history : History
+
+    Returns
+    -------
+    dict of str to (n_samples,) array
+        `time`, `step`, `branch`, `voltage_<name>` of each electroded balloon, `stretch_<name>` of
+        each balloon, `pressure`, `volume`, `gas`, `field_<name>`, `charge_<name>`, `energy`,
+        `stability`, `margin_<name>` of each film with a strength. Dimensionless, see `History`; with
+        [scales] the same in SI units after them.
+    """
+    columns = {
+        "time": history.time,
+        "step": history.step,
+        "branch": history.branch,
+        **_by_name("voltage", history.electroded, history.voltage),
+        **_by_name("stretch", history.balloons, history.stretch),
+        "pressure": history.pressure,
+        "volume": history.volume,
+        "gas": history.gas,
+        **_by_name("field", history.electroded, history.field),
+        **_by_name("charge", history.electroded, history.charge),
+        "energy": history.energy,
+        "stability": history.stability,
+        **_by_name("margin", history.rated, history.margin),
+    }
+    return _with_si(columns, history)
+
+
+def event_columns(history: History) -> Columns:
+    """The events by column, in the order of `events.csv`; NaN on the after side where a history ends.
+
+    Parameters
+    ----------
+    history : History
+
+    Returns
+    -------
+    dict of str to (n_events,) array
+        `time`, `step`, `kind`, `voltage_<name>`, `stretch_<name>_before`, `stretch_<name>_after`,
+        `pressure_before`, `pressure_after`, `field_<name>_before`, `field_<name>_after`,
+        `dissipated`. The two sides of one balloon stand next to each other. With [scales] the same in
+        SI units after them.
+    """
+    events = history.events
+    balloons, electroded = history.balloons, history.electroded
+
+    def sides(quantity: str, names: tuple[str, ...]) -> Columns:
+        before = _stacked(events, f"{quantity}_before", len(names))
+        after = _stacked(events, f"{quantity}_after", len(names))
+        return {
+            f"{quantity}_{name}_{side}": values[:, i]
+            for i, name in enumerate(names)
+            for side, values in (("before", before), ("after", after))
+        }
+
+    columns = {
+        "time": np.array([event.time for event in events], dtype=float),
+        "step": np.array([event.step for event in events], dtype=np.int64),
+        "kind": np.array([event.kind.value for event in events], dtype=object),
+        **_by_name("voltage", electroded, _stacked(events, "voltage", len(electroded))),
+        **sides("stretch", balloons),
+        "pressure_before": _stacked(events, "pressure_before", 1)[:, 0],
+        "pressure_after": _stacked(events, "pressure_after", 1)[:, 0],
+        **sides("field", electroded),
+        "dissipated": _stacked(events, "dissipated", 1)[:, 0],
+    }
+    return _with_si(columns, history)
+
+
+def _with_si(columns: Columns, history: History) -> Columns:
+    scales = history.scenario.scales
+    if scales is None:
+        return columns
+    radii = {b.name: b.radius for b in history.scenario.balloons}
+    # The amount of a liquid is a volume.
+    others = {"gas": VOLUME} if history.scenario.gas.law == "liquid" else {}
+    return columns | in_si(columns, scales, radii, others)
+
+
+def curve_columns(curves: Sequence[Curve]) -> Columns:
+    """The points of equilibrium paths by column, in the order of `curve.csv`.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+        Of the same balloons.
+
+    Returns
+    -------
+    dict of str to (n_points,) array
+        `arclength`, `voltage_<name>` of each electroded balloon, `stretch_<name>` of each balloon,
+        `pressure`, `field_<name>`, `charge_<name>`, `energy`, `stability`, `stable`; before them, where
+        there are several curves, the number of the `curve`, from 1. Dimensionless, see `Curve`.
+    """
+    return _joined(
+        curves,
+        [
+            {
+                "arclength": curve.arclength,
+                **_by_name("voltage", curve.electroded, curve.voltage),
+                **_by_name("stretch", curve.balloons, curve.stretch),
+                "pressure": curve.pressure,
+                **_by_name("field", curve.electroded, curve.field),
+                **_by_name("charge", curve.electroded, curve.charge),
+                "energy": curve.energy,
+                "stability": curve.stability,
+                "stable": curve.unstable == 0,
+            }
+            for curve in curves
+        ],
+    )
+
+
+def point_columns(curves: Sequence[Curve]) -> Columns:
+    """The special points of equilibrium paths by column, in the order of `points.csv`.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+        Of the same balloons.
+
+    Returns
+    -------
+    dict of str to (n_points,) array
+        `kind`, `arclength`, `voltage_<name>`, `stretch_<name>`, `pressure`; before them, where there are
+        several curves, the number of the `curve`, from 1.
+    """
+    return _joined(
+        curves,
+        [
+            {
+                "kind": np.array([point.kind for point in curve.points], dtype=object),
+                "arclength": _stacked(curve.points, "arclength", 1)[:, 0],
+                **_by_name(
+                    "voltage", curve.electroded, _stacked(curve.points, "voltage", len(curve.electroded))
+                ),
+                **_by_name("stretch", curve.balloons, _stacked(curve.points, "stretch", len(curve.balloons))),
+                "pressure": _stacked(curve.points, "pressure", 1)[:, 0],
+            }
+            for curve in curves
+        ],
+    )
+
+
+def history_table(history: History) -> pd.DataFrame:
+    """The samples of a history as a pandas table, one row each; columns as in `history_columns`."""
+    import pandas as pd
+
+    return pd.DataFrame(history_columns(history))
+
+
+def events_table(history: History) -> pd.DataFrame:
+    """The events of a history as a pandas table, one row each; columns as in `event_columns`."""
+    import pandas as pd
+
+    return pd.DataFrame(event_columns(history))
+
+
+def curve_table(curve: Curve) -> pd.DataFrame:
+    """The points of an equilibrium path as a pandas table, one row each; columns as in `curve_columns`."""
+    import pandas as pd
+
+    return pd.DataFrame(curve_columns([curve]))
+
+
+def points_table(curve: Curve) -> pd.DataFrame:
+    """The special points of an equilibrium path as a pandas table; columns as in `point_columns`."""
+    import pandas as pd
+
+    return pd.DataFrame(point_columns([curve]))
+
+
+def run_record(history: History, failure: str | None = None) -> dict[str, Any]:
+    """What `run.json` says: the scenario, how its run ended, what it cost and which software did it.
+
+    Parameters
+    ----------
+    history : History
+    failure : str, optional
+        Message of the solver failure that ended the run early.
+
+    Returns
+    -------
+    dict
+        Plain values that strict JSON can carry; a number that is not finite is None.
+    """
+    import sksundae
+
+    scenario = history.scenario
+    balance = history.energy_balance
+    record = {
+        "title": scenario.title,
+        "source": scenario.source,
+        "outcome": history.outcome.value,
+        "partial": history.outcome is Outcome.FAILED,
+        "failure": failure,
+        "counts": {
+            "samples": len(history),
+            "steps": int(history.step[-1]) if len(history) else 0,
+            "branches": int(history.branch[-1]) + 1 if len(history) else 0,
+            "events": len(history.events),
+            "events_by_kind": dict(Counter(event.kind.value for event in history.events)),
+        },
+        **({"until": [asdict(stop) for stop in history.stops]} if history.stops else {}),
+        **({"films": [asdict(verdict) for verdict in history.verdicts]} if history.rated else {}),
+        "elastomers": history.elastomers,
+        "energy_balance": {**asdict(balance), "relative_imbalance": balance.relative_imbalance},
+        "statistics": asdict(history.statistics),
+        "scenario": scenario.to_dict(),
+        **({"scales": scenario.scales.record()} if scenario.scales else {}),
+        "versions": {
+            "dielectric-balloons": _own_version(),
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+            "pandas": version("pandas"),
+            "scikit-sundae": version("scikit-sundae"),
+            "SUNDIALS": str(sksundae.SUNDIALS_VERSION),
+        },
+    }
+    plain: dict[str, Any] = _plain(record)
+    return plain
+
+
+def write_run(
+    history: History, directory: str | os.PathLike[str], *, failure: str | None = None
+) -> list[Path]:
+    """Write `history.csv`, `events.csv` and `run.json` of a history into a directory, all or none.
+
+    Numbers are written with as many digits as it takes to read the same double back, and NaN as an
+    empty cell. (Before 3.1, pandas reads them back exactly only with ``float_precision="round_trip"``.)
+
+    Parameters
+    ----------
+    history : History
+    directory : path
+        Created if need be. Files of the same names are replaced.
+    failure : str, optional
+        Message of the solver failure that ended the run early, for `run.json`.
+
+    Returns
+    -------
+    list of Path
+        The files written, `run.json` last.
+
+    Raises
+    ------
+    OutputError
+        If the directory cannot be made or written to. What was there before is then still there.
+    """
+    tables = {"history.csv": history_columns(history), "events.csv": event_columns(history)}
+    text = json.dumps(run_record(history, failure), indent=2, ensure_ascii=False, allow_nan=False)
+    writers: dict[str, Callable[[BinaryIO], object]] = {
+        name: partial(_write_csv, columns) for name, columns in tables.items()
+    }
+    # run.json goes last: a reader who sees it sees the tables it belongs to.
+    writers["run.json"] = lambda stream: stream.write(f"{text}\n".encode())
+    return write_files(directory, writers)
+
+
+def write_curves(curves: Sequence[Curve], directory: str | os.PathLike[str]) -> list[Path]:
+    """Write `curve.csv` and `points.csv` of equilibrium paths into a directory, both or none.
+
+    Numbers as in `write_run`; `stable` is true or false.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+        Of the same balloons. Several share the two files, told apart by a leading column `curve`.
+    directory : path
+        Created if need be. Files of the same names are replaced.
+
+    Returns
+    -------
+    list of Path
+
+    Raises
+    ------
+    OutputError
+        If the directory cannot be made or written to. What was there before is then still there.
+    """
+    tables = dict(zip(TRACE_FILES, (curve_columns(curves), point_columns(curves)), strict=True))
+    return write_files(directory, {name: partial(_write_csv, columns) for name, columns in tables.items()})
+
+
+def fold_columns(curve: FoldCurve) -> Columns:
+    """The columns of `fold.csv`: the parameter's value, and the limit point there."""
+    columns = {
+        curve.parameter: curve.value,
+        "voltage": curve.voltage,
+        **_by_name("stretch", curve.balloons, curve.stretch),
+        "pressure": curve.pressure,
+    }
+    if curve.scales is None:
+        return columns
+    varied = {}
+    if curve.dimension is not None:
+        varied[f"{curve.parameter} [{curve.dimension.unit}]"] = curve.value * curve.scales.of(curve.dimension)
+    return columns | varied | in_si(columns, curve.scales, {})
+
+
+def fold_table(curve: FoldCurve) -> pd.DataFrame:
+    """`fold_columns` as a DataFrame."""
+    import pandas as pd
+
+    return pd.DataFrame(fold_columns(curve))
+
+
+def write_fold(curve: FoldCurve, directory: str | os.PathLike[str]) -> list[Path]:
+    """Write `fold.csv` into a directory, created if need be; numbers as in `write_run`.
+
+    Raises
+    ------
+    OutputError
+        If the directory cannot be made or written to.
+    """
+    return write_files(directory, {FOLD_FILE: partial(_write_csv, fold_columns(curve))})
+
+
+def write_sensitivities(found: Sequence[Sensitivity], directory: str | os.PathLike[str]) -> list[Path]:
+    """Write `sensitivities.csv` into a directory, created if need be; numbers as in `write_run`.
+
+    Raises
+    ------
+    OutputError
+        If the directory cannot be made or written to.
+    """
+    names = ("time", "step", "of", "value", "key", "parameter", "derivative")
+    columns = {name: np.array([getattr(one, name) for one in found]) for name in names}
+    return write_files(directory, {SENSITIVITIES_FILE: partial(_write_csv, columns)})
+
+
+def _joined(curves: Sequence[Curve], parts: Sequence[Columns]) -> Columns:
+    """Tables of equal columns under one another, numbered from 1 where there are several."""
+    parts = [
+        part | in_si(part, curve.scales, dict(zip(curve.balloons, curve.radius, strict=True)))
+        if curve.scales
+        else part
+        for curve, part in zip(curves, parts, strict=True)
+    ]
+    if len(parts) == 1:
+        return parts[0]
+    sizes = [next(iter(part.values())).size for part in parts]
+    return {
+        "curve": np.repeat(np.arange(1, len(parts) + 1), sizes),
+        **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]},
+    }
+
+
+def _by_name(quantity: str, names: tuple[str, ...], values: FloatArray) -> Columns:
+    return {f"{quantity}_{name}": values[:, i] for i, name in enumerate(names)}
+
+
+def _stacked(records: tuple[Event, ...] | tuple[SpecialPoint, ...], attribute: str, width: int) -> FloatArray:
+    """One row per event or point, NaN where an event has no such side."""
+    rows = np.full((len(records), width), math.nan)
+    for row, record in zip(rows, records, strict=True):
+        value = getattr(record, attribute)
+        if value is not None:
+            row[:] = value
+    return rows
+
+
+def _write_csv(columns: Columns, stream: BinaryIO) -> None:
+    stream.write((",".join(columns) + "\n").encode())
+    for rows in _rows_of_text(list(columns.values())):
+        stream.write(rows.encode())
+
+
+def _rows_of_text(columns: list[NDArray[Any]]) -> Iterator[str]:
+    n_rows = columns[0].size
+    # One %-template for a whole row is the fastest formatting there is in pure Python: %r of a
+    # float is its shortest exact form.
+    formats = {"f": "%r", "i": "%d"}
+    columns = [
+        np.where(column, "true", "false") if column.dtype.kind == "b" else column for column in columns
+    ]
+    gaps = [column.dtype.kind == "f" and bool(np.isnan(column).any()) for column in columns]
+    cells = [
+        "%s" if gap else formats.get(column.dtype.kind, "%s")
+        for column, gap in zip(columns, gaps, strict=True)
+    ]
+    template = ",".join(cells) + "\n"
+    for start in range(0, n_rows, _ROWS_AT_ONCE):
+        chunk: list[list[Any]] = [column[start : start + _ROWS_AT_ONCE].tolist() for column in columns]
+        chunk = [
+            ["" if value != value else repr(value) for value in values] if gap else values
+            for values, gap in zip(chunk, gaps, strict=True)
+        ]
+        yield "".join([template % row for row in zip(*chunk, strict=True)])
+
+
+def _plain(value: Any) -> Any:
+    """The same value in types that strict JSON knows; None for NaN and infinities, which it does not."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if value is None or isinstance(value, bool | int):
+        return value
+    return str(value)
+
+
+def _own_version() -> str:
+    from simulator import __version__
+
+    return __version__

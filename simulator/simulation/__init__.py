@@ -1,0 +1,1 @@
+"""One run: steps, events, samples and energy books."""

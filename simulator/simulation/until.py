@@ -1,0 +1,360 @@
+"""Where a step ends before its time: the first state on its way in which a quantity takes a value.
+
+The branches of a step are known before its samples are read (`walk`). So nothing is integrated anew: along
+each stay on a branch the quantity is looked at in polished states, its sign changes are bracketed (a dip
+between samples is followed to its bottom), and the state itself is Newton's on [residual, quantity] = 0.
+A value that a snap passes over ends the step when the snap has landed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.model.conditions import Condition, gradient
+from simulator.model.device import Device
+from simulator.model.drive import Waveform
+from simulator.model.elastomers import Number
+from simulator.model.equations import SealedBalloons, State
+from simulator.model.groups import Group
+from simulator.model.membranes import Membrane
+from simulator.simulation.atlas import Turn, Walk
+from simulator.solver import newton
+from simulator.solver.branch import Branch
+from simulator.solver.follow import PathError
+from simulator.units import Written
+
+if TYPE_CHECKING:
+    from simulator.scenario import Until
+
+FloatArray = NDArray[np.float64]
+
+_AT = 1e-12  # a relative distance from the value that is none
+_BETWEEN = 6  # samples between two points of a branch
+_CLOSE = 1e-4  # of the first interval: where it is seen to which side a quantity leaves its value
+_MOST_HALVINGS = 60
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A stretch, a true field (its size) or the pressure, and the value at which it ends a step."""
+
+    kind: Literal["stretch", "pressure", "field"]
+    balloon: int
+    value: float
+    label: str
+
+    def distance(self, device: Device, stretch: FloatArray, pressure: float, voltage: FloatArray) -> float:
+        """How far the device is from the value, relatively; the sign says on which side."""
+        if self.kind == "pressure":
+            return pressure / self.value - 1.0
+        if self.kind == "stretch":
+            return float(stretch[self.balloon]) / self.value - 1.0
+        place = device.electroded.index(self.balloon)
+        return float((device.field(stretch[None], voltage[None])[0, place] / self.value) ** 2 - 1.0)
+
+    def of(self, group: Group) -> Callable[[State], Number] | None:
+        """The same distance from a group's unknowns; None where the group does not move it."""
+        value, equations = self.value, group.equations
+        if self.kind == "pressure":
+            return (lambda y: y[-2] / value - 1.0) if equations.has_pressure else None
+        if self.balloon not in group.members:
+            return None
+        place = group.members.index(self.balloon)
+        if self.kind == "stretch":
+            return lambda y: y[place] / value - 1.0
+        membranes = equations.membranes if isinstance(equations, SealedBalloons) else (equations.membrane,)
+        membrane = membranes[place]
+        if isinstance(membrane, Membrane):
+            return None
+        return lambda y: (membrane.field(y[place], y[-1]) / value) ** 2 - 1.0
+
+
+def _told(value: float) -> str:
+    """A number as the scenario has it, with its unit if it has one."""
+    return value.text if isinstance(value, Written) else f"{value:g}"
+
+
+@dataclass(frozen=True)
+class Watch:
+    """What ends a step: quantities that take a value, and, if asked for, a limit point."""
+
+    quantities: tuple[Quantity, ...]
+    limit_point: bool
+
+    @classmethod
+    def over(cls, until: Until, device: Device) -> Watch:
+        """What a scenario's `until` names."""
+        found: list[Quantity] = []
+        kinds: tuple[tuple[Literal["stretch", "field"], float | dict[str, float] | None], ...] = (
+            ("stretch", until.stretch),
+            ("field", until.field),
+        )
+        for kind, wanted in kinds:
+            if wanted is None:
+                continue
+            by_name = wanted if isinstance(wanted, dict) else {device.names[device.electroded[0]]: wanted}
+            for name, value in by_name.items():
+                label = f"{kind}_{name} = {_told(value)}"
+                found.append(Quantity(kind, device.names.index(name), value, label))
+        if until.pressure is not None:
+            found.append(Quantity("pressure", -1, until.pressure, f"pressure = {_told(until.pressure)}"))
+        return cls(tuple(found), until.event == "limit_point")
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What it waits for, in words."""
+        return (*(["limit_point"] if self.limit_point else []), *(q.label for q in self.quantities))
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Where a step ends: the fraction and the drive there, and what was reached.
+
+    `state` are the place of a walk and its state, polished; None where the step ends at a turn.
+    """
+
+    fraction: float
+    v: float
+    reached: str
+    state: tuple[int, FloatArray] | None
+
+
+@dataclass(frozen=True)
+class _Stay:
+    """A stay on one branch, from one turn to the next: which it is, and its monotone legs."""
+
+    number: int
+    branch: Branch
+    legs: tuple[tuple[int, float, float], ...]
+    turn: Turn | None
+
+
+def first_stop(
+    watch: Watch, walks: Sequence[Walk], waveform: Waveform, resolution: float
+) -> tuple[Stop | None, list[Walk]]:
+    """The first stop on the way of some walks, and the walks as far as there.
+
+    Parameters
+    ----------
+    watch : Watch
+    walks : sequence of Walk
+        Through the whole waveform.
+    waveform : Waveform
+    resolution : float
+        Fractions closer than this are one.
+
+    Returns
+    -------
+    stop : Stop or None
+        None where the step goes on to its end, or fails before it would stop.
+    walks : list of Walk
+    """
+    found: list[tuple[float, int, int, int, Stop]] = []
+    for place, walk in enumerate(walks):
+        if watch.limit_point:
+            for number, turn in enumerate(walk.turns):
+                if any(happening.kind == "limit_point" for happening in turn.happenings):
+                    v = float(turn.happenings[0].before[-1])
+                    stop = Stop(turn.fraction, v, "limit_point", None)
+                    found.append((turn.fraction, 1, place, number + 1, stop))
+                    break
+        for quantity in watch.quantities:
+            margin = quantity.of(walk.group)
+            passage = _passage(walk, waveform, margin, quantity.label) if margin else None
+            if passage is not None:
+                fraction, v, state, turns = passage
+                reached = Stop(fraction, v, quantity.label, None if state is None else (place, state))
+                found.append((fraction, 0 if state is not None else 1, place, turns, reached))
+    if not found:
+        return None, list(walks)
+    _, at_turn, owner, turns, stop = min(found, key=lambda candidate: candidate[:4])
+    latest = stop.fraction + (resolution if at_turn else 0.0)
+    cut = [
+        _until(walk, waveform, stop, turns if place == owner else None, latest)
+        for place, walk in enumerate(walks)
+    ]
+    if any(walk.failure is not None for walk in cut):
+        return None, list(walks)
+    return stop, cut
+
+
+def _until(walk: Walk, waveform: Waveform, stop: Stop, turns: int | None, latest: float) -> Walk:
+    """A walk as far as a stop; its failure is kept if that came before."""
+    count = sum(turn.fraction <= latest for turn in walk.turns) if turns is None else turns
+    cut = replace(walk, turns=walk.turns[:count], failure=None)
+    if turns is None and walk.failure is not None and count == len(walk.turns):
+        *_, last = _stays(walk, waveform)
+        low, high = last.branch.known_range()
+        inside = waveform.fractions < stop.fraction
+        passed = [stop.v, *waveform.values[inside & (waveform.fractions > _since(walk))]]
+        if not all(low <= v <= high for v in passed):
+            return walk
+    return cut
+
+
+def _since(walk: Walk) -> float:
+    return walk.turns[-1].fraction if walk.turns else 0.0
+
+
+def _stays(walk: Walk, waveform: Waveform) -> Iterator[_Stay]:
+    """The stays of a walk on its branches, in order."""
+    branch, since, v = walk.branch, 0.0, float(waveform.values[0])
+    for number in range(len(walk.turns) + 1):
+        if branch is None:
+            return
+        turn = walk.turns[number] if number < len(walk.turns) else None
+        end = 1.0 if turn is None else turn.fraction
+        target = float(waveform.values[-1]) if turn is None else float(turn.happenings[0].before[-1])
+        first = int(np.searchsorted(waveform.fractions[:-1], since, side="right")) - 1
+        last = max(int(np.searchsorted(waveform.fractions, end, side="left")) - 1, first)
+        corners = [v, *waveform.values[first + 1 : last + 1].tolist(), target]
+        legs = [(first + i, corners[i], corners[i + 1]) for i in range(len(corners) - 1)]
+        yield _Stay(number, branch, tuple(leg for leg in legs if leg[1] != leg[2]), turn)
+        if turn is not None:
+            branch, since, v = turn.onward, turn.fraction, target
+
+
+def _passage(
+    walk: Walk, waveform: Waveform, margin: Callable[[State], Number], label: str
+) -> tuple[float, float, FloatArray | None, int] | None:
+    """Where a margin first vanishes on a walk: fraction, v, state (None at a turn), turns up to there."""
+    condition = Condition(label, margin, lambda y: gradient(margin, y))
+    side = 0.0
+    for stay in _stays(walk, waveform):
+        branch = stay.branch
+        searched: tuple[float, float] | None = None
+        for leg, start, end in stay.legs:
+            known = branch.states[-1, 0], branch.states[-1, -1]
+            start, target = (min(max(v, known[0]), known[1]) for v in (start, end))
+            if searched is not None:
+                # Nothing is met twice on one branch: only what lies beyond is looked at.
+                start = min(max(target, searched[0]), searched[1])
+            if start != target:
+                state, side = _crossing(branch, condition, start, target, side)
+                if state is not None:
+                    return waveform.when(leg, float(state[-1])), float(state[-1]), state, stay.number
+            ends = (start, target) if searched is None else (*searched, target)
+            searched = min(ends), max(ends)
+        if stay.turn is None:
+            return None
+        after = stay.turn.happenings[-1].after
+        if after is None:
+            return None
+        beyond = float(margin(after.tolist()))
+        if side * beyond <= 0.0 and side:
+            return stay.turn.fraction, float(after[-1]), None, stay.number + 1
+        side = side or float(np.sign(beyond))
+    return None
+
+
+def _crossing(
+    branch: Branch, condition: Condition, start: float, end: float, side: float
+) -> tuple[FloatArray | None, float]:
+    """The first state from one v to another of a branch at which a margin vanishes, and its side before.
+
+    `side` is the sign that the margin has had so far, 0 where it has been zero.
+    """
+    v = _samples(branch.states[-1], start, end)
+    if not side:
+        v = np.insert(v, 1, v[0] + _CLOSE * (v[1] - v[0]))
+    states = branch.at(v)
+    margins = np.asarray(condition.margin(states), dtype=np.float64)
+    if not side:
+        away = np.flatnonzero(np.abs(margins) > _AT)
+        if not away.size:
+            return None, 0.0
+        side = float(np.sign(margins[away[0]]))
+        v, states, margins = v[away[0] :], states[:, away[0] :], margins[away[0] :]
+    ahead = side * margins
+    crossed = np.flatnonzero(ahead <= _AT)
+    last = int(crossed[0]) if crossed.size else v.size - 1
+    dips = 1 + np.flatnonzero((ahead[1:-1] < ahead[:-2]) & (ahead[1:-1] <= ahead[2:]))
+    for middle in dips[dips < last].tolist():
+        bottom = _bottom(branch, condition, side, v, states, ahead, middle)
+        if bottom is None:
+            continue
+        value = side * float(condition.margin(bottom.tolist()))
+        if value < -_AT:
+            return _polished(branch, condition, states[:, middle - 1], bottom), side
+        if value <= _AT:
+            return bottom, side
+    if not crossed.size:
+        return None, side
+    if last == 0 or abs(ahead[last]) <= _AT:
+        return states[:, last], side
+    return _polished(branch, condition, states[:, last - 1], states[:, last]), side
+
+
+def _samples(nodes: FloatArray, start: float, end: float) -> FloatArray:
+    """Values of v from one to another, close together at the points of a branch: v turns round at a fold."""
+    low, high = min(start, end), max(start, end)
+    knots = np.concatenate([[low], nodes[(nodes > low) & (nodes < high)], [high]])
+    inside = 0.5 * (1.0 - np.cos(np.pi * np.arange(_BETWEEN + 1) / (_BETWEEN + 1)))
+    v = np.append((knots[:-1, None] + np.diff(knots)[:, None] * inside).ravel(), high)
+    return v if start < end else v[::-1]
+
+
+def _bottom(
+    branch: Branch,
+    condition: Condition,
+    side: float,
+    v: FloatArray,
+    states: FloatArray,
+    ahead: FloatArray,
+    middle: int,
+) -> FloatArray | None:
+    """The state at the bottom of a dip about a sample; None where a parabola says that it stays clear."""
+    weights = 1.0 / branch.equations.scales[:, None]
+    steps = np.linalg.norm(weights * np.diff(states[:, middle - 1 : middle + 2], axis=1), axis=0)
+    first, second = np.diff(ahead[middle - 1 : middle + 2]) / steps
+    curve = (second - first) / (steps[0] + steps[1])
+    slope = first + curve * steps[0]
+    if ahead[middle] - 0.25 * slope * slope / curve > 0.5 * ahead[middle]:
+        return None
+    from scipy.optimize import minimize_scalar
+
+    def depth(at: float) -> float:
+        return side * float(condition.margin(branch.at(np.array([at]))[:, 0].tolist()))
+
+    ends = sorted((float(v[middle - 1]), float(v[middle + 1])))
+    found = minimize_scalar(
+        depth, bounds=ends, method="bounded", options={"xatol": 1e-10 * (ends[1] - ends[0])}
+    )
+    return branch.at(np.array([float(found.x)]))[:, 0]
+
+
+def _polished(branch: Branch, condition: Condition, left: FloatArray, right: FloatArray) -> FloatArray:
+    """The state between two of a branch at which a margin, of unlike signs at them, vanishes."""
+    equations = branch.equations
+    best: FloatArray | None = None
+    least = np.inf
+    for _ in range(_MOST_HALVINGS):
+        before, after = (float(condition.margin(y.tolist())) for y in (left, right))
+        guess = left + before / (before - after) * (right - left)
+        width = np.max(np.abs(right - left) / equations.scales)
+        try:
+            found = newton.at_event(equations, condition, guess)
+        except newton.NotConverged:
+            pass  # from closer by
+        else:
+            within = (found[-1] - left[-1]) * (found[-1] - right[-1]) <= 0.0
+            if within and np.max(np.abs(found - guess) / equations.scales) <= width:
+                # Beside an extremum of the margin its noise is wide in v.
+                size = abs(float(condition.margin(found.tolist())))
+                if size < least:
+                    best, least = found, size
+                if size <= _AT or width <= _AT:
+                    break
+        middle = branch.at(np.array([0.5 * (left[-1] + right[-1])]))[:, 0]
+        if before * float(condition.margin(middle.tolist())) > 0.0:
+            left = middle
+        else:
+            right = middle
+    if best is not None:
+        return best
+    raise PathError(f"the state at {condition.kind} was not found near v = {left[-1]:.12g}")

@@ -1,0 +1,1 @@
+"""Path following, polishing, snaps and real time, for any set of equations."""

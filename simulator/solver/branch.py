@@ -1,0 +1,262 @@
+"""Stable stretches of equilibrium path, kept for a whole run.
+
+A branch is followed once (`path`). Then the state at any v on it is one interpolation and a few Newton
+steps away, for as many v as wanted at once: walking along a known branch, back and forth and again, costs
+no integration.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.model.conditions import Condition
+from simulator.model.equations import Equations
+from simulator.solver import certify, follow, newton
+
+FloatArray = NDArray[np.float64]
+
+_LEAVE = 1e-3  # stretch by which a branch is started off the branch point that it leaves
+_ROUNDING = 1e-7  # in scaled unknowns: of states beside a limit point
+_MOST_SAMPLES = 16  # sets of samples that a branch remembers
+
+
+def beside(
+    equations: Equations, point: FloatArray, escape: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The state close to a branch point on the branch that leaves it along `escape`; how it moves; the way.
+
+    All (n_unknowns, 1). Raises NotConverged where no branch leaves that way.
+    """
+    out = np.zeros((point.size, 1))
+    out[: escape.size, 0] = escape
+    weights = 1.0 / equations.scales[:, None] ** 2
+    near, rates = newton.on_planes(equations, point[:, None] + _LEAVE * out, weights * out)
+    return near, rates, out
+
+
+@dataclass(frozen=True)
+class BranchEnd:
+    """Where a branch ends for good: the kind of event and its state."""
+
+    kind: str
+    state: FloatArray
+
+
+@dataclass
+class Branch:
+    """A stable stretch of equilibrium path, known from `states[-1, 0]` to `states[-1, -1]` so far.
+
+    Attributes
+    ----------
+    states, tangents : (n_unknowns, n) arrays
+        Polished points in order of rising v, and tangents towards rising v.
+    work : (n − 1,) array
+        ∫ −∂Π/∂v dv over the interval between each two points.
+    lower, upper : BranchEnd or None
+        The event that ends it below and above, once met.
+    """
+
+    equations: Equations
+    conditions: tuple[Condition, ...]
+    states: FloatArray
+    tangents: FloatArray
+    work: FloatArray
+    lower: BranchEnd | None = None
+    upper: BranchEnd | None = None
+    _works: dict[tuple[float, float], float] = field(default_factory=dict, repr=False)
+    _corners: dict[float, FloatArray] = field(default_factory=dict, repr=False)
+    _samples: dict[bytes, FloatArray] = field(default_factory=dict, repr=False)
+    _cubics: certify.Cubics | None = field(default=None, repr=False)
+
+    @classmethod
+    def through(cls, equations: Equations, conditions: tuple[Condition, ...], state: FloatArray) -> Branch:
+        """The branch through a polished state, nothing else of it known yet."""
+        return cls(equations, conditions, state[:, None].copy(), np.zeros((state.size, 1)), np.zeros(0))
+
+    @classmethod
+    def leaving(
+        cls,
+        equations: Equations,
+        conditions: tuple[Condition, ...],
+        point: FloatArray,
+        escape: FloatArray,
+        direction: float,
+    ) -> Branch | None:
+        """The stable branch that leaves a branch point along `escape` as v goes on; None if v turns back.
+
+        Parameters
+        ----------
+        equations, conditions
+        point : (n_unknowns,) array
+            The branch point, which becomes an end of the new branch.
+        escape : (n_balloons,) array
+            Unit change of the stretches.
+        direction : ±1
+            Sense in which v goes on.
+        """
+        try:
+            near, rates, out = beside(equations, point, escape)
+        except newton.NotConverged:
+            return None  # no branch leaves in that direction
+        if (near[-1, 0] - point[-1]) * direction <= 0.0 or conditions[0].margin(near[:, 0].tolist()) <= 0.0:
+            return None
+        nodes = np.concatenate([point[:, None], near], axis=1)
+        tangents = np.concatenate([newton.unit(equations, d) for d in (out, rates)], axis=1)
+        done = certify.work(equations, *certify.between(equations, nodes, tangents))
+        end = BranchEnd(conditions[0].kind, point)
+        if direction > 0.0:
+            return cls(equations, conditions, nodes, tangents, done, lower=end)
+        return cls(equations, conditions, nodes[:, ::-1], -tangents[:, ::-1], -done, upper=end)
+
+    def reach(self, v: float, rtol: float, effort: follow.Effort) -> BranchEnd | None:
+        """Follow the branch until it is known at `v`; return the end that comes before it, if one does."""
+        low, high = self.known_range()
+        if v > high and self.upper is None:
+            segment = follow.follow(self.equations, self.conditions, self.states[:, -1], v, rtol, effort)
+            self.states = np.concatenate([self.states[:, :-1], segment.states], axis=1)
+            self.tangents = np.concatenate([self.tangents[:, :-1], segment.tangents], axis=1)
+            self.work = np.concatenate([self.work, segment.work])
+            self._cubics = None
+            if segment.end is not None:
+                self.upper = BranchEnd(segment.end, segment.states[:, -1].copy())
+        elif v < low and self.lower is None:
+            segment = follow.follow(self.equations, self.conditions, self.states[:, 0], v, rtol, effort)
+            self.states = np.concatenate([segment.states[:, ::-1], self.states[:, 1:]], axis=1)
+            self.tangents = np.concatenate([-segment.tangents[:, ::-1], self.tangents[:, 1:]], axis=1)
+            self.work = np.concatenate([-segment.work[::-1], self.work])
+            self._cubics = None
+            if segment.end is not None:
+                self.lower = BranchEnd(segment.end, segment.states[:, -1].copy())
+        low, high = self.known_range()
+        if v > high:
+            return self.upper
+        return self.lower if v < low else None
+
+    def known_range(self) -> tuple[float, float]:
+        """The v between which the branch is known, widened by rounding."""
+        low, high = float(self.states[-1, 0]), float(self.states[-1, -1])
+        return low - certify.rounding(self.equations, low), high + certify.rounding(self.equations, high)
+
+    def state_at(self, v: float) -> FloatArray:
+        """The state at one v within the known range, shape (n_unknowns,). Raises NotConverged."""
+        if v not in self._corners:
+            self._corners[v] = self._solved_one(v)
+        return self._corners[v]
+
+    def at(self, v: FloatArray) -> FloatArray:
+        """States at n values of v within the known range, shape (n_unknowns, n). Raises NotConverged."""
+        # Cycles ask for the same samples again and again.
+        key = v.tobytes()
+        if key not in self._samples:
+            if len(self._samples) >= _MOST_SAMPLES:
+                self._samples.clear()
+            self._samples[key] = self._solved(v)
+        return self._samples[key]
+
+    def _solved(self, v: FloatArray) -> FloatArray:
+        nodes = self.states[-1]
+        if nodes.size == 1:
+            return np.repeat(self.states, v.size, axis=1)
+        place = np.clip(np.searchsorted(nodes, v, side="right") - 1, 0, nodes.size - 2)
+        # Points of the branch are taken as they are: at a fold, Newton at fixed v cannot do better.
+        states = self.states[:, np.where(v >= nodes[place + 1], place + 1, place)]
+        between = (v > nodes[place]) & (v < nodes[place + 1])
+        if between.any():
+            guesses = self._guess(place[between], v[between])
+            states[:, between] = newton.at_drive(self.equations, guesses)
+            self._check_between(place[between], states[:, between])
+        return states
+
+    def _solved_one(self, v: float) -> FloatArray:
+        nodes = self.states[-1]
+        if nodes.size == 1 or v >= nodes[-1]:
+            return self.states[:, -1]
+        if v <= nodes[0]:
+            return self.states[:, 0]
+        place = int(np.searchsorted(nodes, v, side="right")) - 1
+        if nodes[place] == v:
+            return self.states[:, place]
+        at = np.array([place])
+        state = newton.one_at_drive(self.equations, self._guess(at, np.array([v]))[:, 0])
+        self._check_between(at, state[:, None])
+        return state
+
+    def _check_between(self, place: NDArray[np.int64], states: FloatArray) -> None:
+        """States lie between the points of their intervals, where Newton's method may have left it.
+
+        Tangents are within 45° of the chord, so the curve bulges by at most a fifth of it.
+        """
+        weights = 1.0 / self.equations.scales[:, None] ** 2
+        chord = self.states[:, place + 1] - self.states[:, place]
+        ahead = states - self.states[:, place]
+        square = np.sum(weights * chord * chord, axis=0)
+        share = np.sum(weights * chord * ahead, axis=0) / square
+        aside = np.sum(weights * (ahead - share * chord) ** 2, axis=0)
+        slack = _ROUNDING / np.sqrt(square)
+        if np.any((share < -slack) | (share > 1.0 + slack) | (aside > 0.09 * square + _ROUNDING**2)):
+            raise newton.NotConverged("a state is not between the points of its branch")
+
+    def _guess(self, place: NDArray[np.int64], v: FloatArray) -> FloatArray:
+        """Interpolated states at v, each in its interval."""
+        if self._cubics is None:
+            weights = 1.0 / self.equations.scales[:, None] ** 2
+            self._cubics = certify.Cubics.through(weights, self.states, self.tangents)
+        c = self._cubics
+        y0, m0, a, b = c.y0[:, place], c.m0[:, place], c.a[:, place], c.b[:, place]
+        x = _where(v - y0[-1], m0[-1], a[-1], b[-1])
+        states: FloatArray = y0 + x * (m0 + x * (a + x * b))
+        states[-1] = v
+        return states
+
+    def work_between(self, start: float, end: float) -> float:
+        """∫ −∂Π/∂v dv along the branch from one v to another, both within the known range."""
+        if start > end:
+            return -self.work_between(end, start)
+        if start == end:
+            return 0.0
+        if (start, end) not in self._works:
+            self._works[start, end] = self._quadrature(start, end)
+        return self._works[start, end]
+
+    def _quadrature(self, start: float, end: float) -> float:
+        nodes = self.states[-1]
+        first, last = (
+            np.searchsorted(nodes, start, side="left"),
+            np.searchsorted(nodes, end, side="right") - 1,
+        )
+        if first > last:
+            return self._part(start, end)
+        total = float(self.work[first:last].sum())
+        return total + self._part(start, float(nodes[first])) + self._part(float(nodes[last]), end)
+
+    def _part(self, start: float, end: float) -> float:
+        """Work over a part of one interval."""
+        if start == end:
+            return 0.0
+        points = np.stack([self.state_at(start), self.state_at(end)], axis=1)
+        if end - start < certify.SHORT * self.equations.scales[-1]:
+            return float(0.5 * np.sum(np.asarray(self.equations.drive_power(points))) * (end - start))
+        chord = np.repeat(np.diff(points, axis=1), 2, axis=1)
+        directions = newton.tangents(self.equations, points, chord)
+        dense, speeds = certify.between(self.equations, points, directions)
+        return float(certify.resolved(self.equations, points, directions, dense, speeds, None).work.sum())
+
+
+def _where(ahead: FloatArray, m0: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
+    """The ξ in [0, 1] at which a rising cubic ξ(m0 + ξ(a + ξb)) takes a value."""
+    change, m1 = m0 + a + b, m0 + 2.0 * a + 3.0 * b
+    # A parabola with the smaller of the end slopes starts right even where a fold makes that slope zero.
+    from_first = m0 <= m1
+    slope = np.where(from_first, m0, m1)
+    part = np.where(from_first, ahead, change - ahead)
+    root = slope + np.sqrt(np.maximum(slope * slope + 4.0 * (change - slope) * part, 0.0))
+    x = np.divide(2.0 * part, root, out=np.zeros_like(part), where=root > 0.0)
+    x = np.clip(np.where(from_first, x, 1.0 - x), 0.0, 1.0)
+    for _ in range(2):
+        value = x * (m0 + x * (a + x * b)) - ahead
+        slope = m0 + x * (2.0 * a + x * 3.0 * b)
+        x = np.clip(x - np.divide(value, slope, out=np.zeros_like(x), where=slope > 0.0), 0.0, 1.0)
+    return np.asarray(x)

@@ -1,0 +1,391 @@
+"""The overdamped flow dλᵢ/dt = −gᵢ at a frozen drive, with IDA: where a state without a place comes to rest.
+
+The gas law holds throughout. Written for Rᵢ = D gᵢ/k it has no pole: (D/k) dλᵢ/dt = −Rᵢ. Only the place
+where the flow rests is wanted, so it is integrated until Newton's method, checked, takes over. Where it
+ends on the way instead (tension lost, film broken) that state depends on the trajectory, and the flow is
+integrated once more, tightly.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.model.conditions import Condition, stability
+from simulator.model.elastomers import Number
+from simulator.model.equations import Equations, State
+from simulator.solver import newton
+from simulator.solver.follow import Effort
+from simulator.solver.landing import (
+    NEAR,
+    broken_at_rest,
+    fold_beside,
+    holds,
+    landing_beside,
+    landing_from,
+    variation,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+FloatArray = NDArray[np.float64]
+
+_LOOSE = 1e-4
+_TIGHT = 1e-11
+_NEAREST = {_LOOSE: 1e-7, _TIGHT: 1e-10}  # the same, at last, by tolerance
+_GHOST = 1e-3  # how near a limit point that no longer holds it a creeping state is taken past it
+_LONGEST = 1e12  # a time never reached
+_MOST_LOOKS = 50_000  # of IDA at the margins, about one a step
+_NUDGES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  # stretch by which a snap is started off its limit point
+_FINE = (1e-4, 1e-5, 1e-6)  # the same where the way matters: what it is off the way goes with the square
+_FAR = 1e3  # stretch, over the largest at the start, at which a flow without a limit counts as runaway
+
+
+class FlowError(ArithmeticError):
+    """The flow neither rested nor ended."""
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Where a flow ended: at rest (`end` None), in an event (its kind), or nowhere ("runaway").
+
+    `state` is the full state (n_unknowns,); for a rest it solves the equations to rounding.
+    """
+
+    state: FloatArray
+    end: str | None
+
+
+def relax(
+    equations: Equations,
+    conditions: Sequence[Condition],
+    start: FloatArray,
+    effort: Effort,
+    *,
+    tight: bool = False,
+    fine_start: Callable[[], FloatArray | None] | None = None,
+) -> Rest:
+    """Let a state flow, at its own v, until it rests or one of the conditions ends it.
+
+    Parameters
+    ----------
+    equations
+    conditions
+        Those that can end it; stability is not among them.
+    start : (n_unknowns,) array
+        Where it starts: any stretches; the pressure is computed from them.
+    effort : Effort
+        Counters, added to.
+    tight : bool
+        Integrate tightly from the start.
+    fine_start : callable, optional
+        Gives the state (n_unknowns,) it starts from when it is integrated tightly; `start` if not given.
+
+    Raises
+    ------
+    FlowError
+        If it does neither within many steps.
+    """
+    if not tight:
+        # Loosely, unless that fails, or what is found depends on the way.
+        with contextlib.suppress(FlowError):
+            rest, closest = _flow(equations, conditions, start, _LOOSE, effort)
+            if rest.end is None and _certain(equations, conditions, start, rest.state, closest):
+                return rest
+    fine = fine_start() if fine_start is not None else None
+    return _flow(equations, conditions, start if fine is None else fine, _TIGHT, effort)[0]
+
+
+def _certain(
+    equations: Equations,
+    conditions: Sequence[Condition],
+    start: FloatArray,
+    rest: FloatArray,
+    closest: Sequence[float],
+) -> bool:
+    """Whether a loose flow to a rest kept well away from the margins, whose smallest values are given."""
+    first, last = start.tolist(), rest.tolist()
+    blur = _LOOSE * (1.0 + rest[: len(equations.walls)])
+    return all(
+        # A margin that was smallest at the start or at the rest was not grazed on the way.
+        (low > 0.02 or low > 0.5 * min(c.margin(first), c.margin(last)))
+        and low > 10.0 * variation(equations, c, rest, blur)
+        for low, c in zip(closest, conditions, strict=True)
+    )
+
+
+def snap(
+    equations: Equations,
+    conditions: Sequence[Condition],
+    fold: FloatArray,
+    escape: FloatArray,
+    effort: Effort,
+) -> Rest:
+    """Where the state goes from a polished limit point (or branch point) along an unstable direction.
+
+    Parameters
+    ----------
+    equations
+    conditions
+        Those that can end it; stability is not among them.
+    fold : (n_unknowns,) array
+    escape : (n_balloons,) array
+        Unit change of the stretches, downhill.
+    effort : Effort
+        Counters, added to.
+
+    Raises
+    ------
+    FlowError
+        If the flow does not lead away from the limit point.
+    """
+    start = _off(equations, conditions, fold, escape, _NUDGES)
+    if start is None:
+        at_once = _nudged(equations, fold, _NUDGES[-1] * escape)
+        if not holds(conditions, at_once):
+            values = at_once.tolist()
+            return Rest(at_once, min(conditions, key=lambda c: float(c.margin(values))).kind)
+        raise FlowError("no way down from the limit point")
+    distance = np.max(np.abs(start - fold) / equations.scales)
+
+    def fine() -> FloatArray | None:
+        return _off(equations, conditions, fold, escape, _FINE)
+
+    for once_more in (False, True):
+        rest = relax(equations, conditions, start, effort, tight=once_more, fine_start=fine)
+        if rest.end is not None or np.max(np.abs(rest.state - fold) / equations.scales) > distance:
+            return rest
+    raise FlowError("the snap fell back to where it came from")
+
+
+def _off(
+    equations: Equations,
+    conditions: Sequence[Condition],
+    fold: FloatArray,
+    escape: FloatArray,
+    distances: Sequence[float],
+) -> FloatArray | None:
+    """The state at the first of some distances off a limit point from which the flow leads away, if any."""
+    for distance in distances:
+        start = _nudged(equations, fold, distance * escape)
+        if _speed_along(equations, start, escape) > 0.0 and holds(conditions, start):
+            return start
+    return None
+
+
+def _nudged(equations: Equations, state: FloatArray, change: FloatArray) -> FloatArray:
+    """A state with its stretches changed, and the pressure that goes with them."""
+    out = state.copy()
+    out[: change.size] += change
+    out[:-1], _ = _consistent(equations, out)
+    return out
+
+
+def _speed_along(equations: Equations, state: FloatArray, escape: FloatArray) -> float:
+    """How fast the flow carries a state along a direction of the stretches.
+
+    Measured with the weights r²h, in which the flow is a gradient: what the stiff directions do, however
+    fast, does not count.
+    """
+    _, rates = _consistent(equations, state)
+    weights = np.array([wall.weight / wall.modulus for wall in equations.walls])
+    return float((weights * rates[: escape.size]) @ escape)
+
+
+def _flow(
+    equations: Equations, conditions: Sequence[Condition], start: FloatArray, rtol: float, effort: Effort
+) -> tuple[Rest, list[float]]:
+    """Where the flow ends, and the smallest value of each margin on the way."""
+    stable = stability(equations).margin
+    count = len(equations.walls)
+    endless = [i for i, wall in enumerate(equations.walls) if math.isinf(wall.elastomer.stretch_limit)]
+    far = _FAR * float(np.max(start[:count]))
+    closest = [math.inf] * len(conditions)
+    state, near = np.array(equations.admitted(start.tolist())), NEAR
+    passed = False
+    while True:
+
+        def resting(y: State, near: float = near) -> float:
+            """Falls through zero where a Newton step, at most |R| over the smallest eigenvalue, is short."""
+            softest = stable(y)
+            if softest <= 0.0:
+                return 1.0
+            return float(min(max(map(abs, equations.residual(y))) / softest - near, 1.0))
+
+        margins = [condition.margin for condition in conditions]
+        margins.append(resting)
+        if endless:
+            margins.append(lambda y: far - max(y[i] for i in endless))
+        if resting(state.tolist()) > 0.0:
+            states, ended = integrate(equations, margins, state, rtol, effort)
+            _check_downhill(equations, states)
+            closest = [
+                min(low, float(np.min(margin(states))))
+                for low, margin in zip(closest, margins[: len(conditions)], strict=True)
+            ]
+            state = states[:, -1]
+            if ended < len(conditions):
+                return Rest(_at_margin(equations, conditions[ended], state), conditions[ended].kind), closest
+            if ended > len(conditions):
+                return Rest(state, "runaway"), closest
+        nearest = near <= _NEAREST[rtol]
+        landing = landing_from(equations, conditions, state, state, surely=not nearest)
+        fold = fold_beside(equations, state) if landing is None else None
+        if landing is None and fold is not None:
+            landing = landing_beside(equations, conditions, state, fold, surely=not nearest)
+        if landing is not None:
+            return Rest(landing, None), closest
+        if fold is not None and not passed and np.max(np.abs(fold - state) / equations.scales) < _GHOST:
+            onward = _past(equations, conditions, fold, float(state[-1]))
+            if onward is not None:
+                state, near, passed = onward, NEAR, True
+                continue
+        if nearest:
+            break
+        near *= 0.1
+    broken = broken_at_rest(equations, conditions, state)
+    if broken is not None:
+        return Rest(_at_margin(equations, broken, state), broken.kind), closest
+    raise FlowError("the flow slows down where there is no rest")
+
+
+def _check_downhill(equations: Equations, states: FloatArray) -> None:
+    """A gradient flow only loses potential. What gains some is not the flow."""
+    energy = np.asarray(equations.potential(states))
+    size = sum(wall.weight for wall in equations.walls)
+    if np.any(np.diff(energy) > 1e-3 * np.ptp(energy) + 1e-12 * size):
+        raise FlowError("the potential rises along the flow")
+
+
+def _past(
+    equations: Equations, conditions: Sequence[Condition], fold: FloatArray, v: float
+) -> FloatArray | None:
+    """Where a state goes on that creeps past a limit point, at a v a little beyond the limit point's.
+
+    It takes a time like 1/√(distance in v) for that, at speeds down to the rounding of the forces, and ever
+    closer to the soft mode. So it is put beyond, on the soft mode.
+    """
+    ghost = fold.copy()
+    ghost[-1] = v
+    escape = newton.escape_direction(equations, fold, 1.0 if v > fold[-1] else -1.0)
+    return _off(equations, conditions, ghost, escape, _FINE)
+
+
+def _at_margin(equations: Equations, condition: Condition, state: FloatArray) -> FloatArray:
+    """The state of the flow, close to the given one, at which a margin is zero to rounding."""
+    for _ in range(3):
+        values, rates = _consistent(equations, state)
+        state = np.append(values, state[-1])
+        margin = float(condition.margin(state.tolist()))
+        if margin == 0.0:
+            break
+        speed = float(condition.slope(state)[:-1] @ rates)
+        if speed == 0.0:
+            break  # at rest already
+        ahead = -margin / speed
+        state[: len(equations.walls)] += ahead * rates[: len(equations.walls)]
+    return np.append(_consistent(equations, state)[0], state[-1])
+
+
+def integrate(
+    equations: Equations,
+    margins: Sequence[Callable[[State], Number]],
+    start: FloatArray,
+    rtol: float,
+    effort: Effort,
+) -> tuple[FloatArray, int]:
+    """IDA's states along the flow, (n_unknowns, n), until one of the margins falls to zero, and which."""
+    from sksundae.ida import IDA
+
+    v = float(start[-1])
+    looks = 0
+    parts = [
+        (wall.elastomer.pole_form, wall.elastomer.pole_form_slope, wall.modulus) for wall in equations.walls
+    ]
+
+    count = len(parts)
+    sealed = equations.has_pressure
+
+    def full(stretches: list[float]) -> list[float]:
+        # The gas law is solved for the pressure here: as an unknown of the DAE it is the stiffer the higher
+        # the ambient pressure, and IDA would have to follow its every digit.
+        return [*stretches, equations.gas_pressure(stretches, v), v] if sealed else [*stretches, v]
+
+    def residual(t: float, y: FloatArray, yp: FloatArray, out: FloatArray) -> None:
+        values, speeds = y.tolist(), yp.tolist()
+        rows = equations.residual(full(values))[:count]
+        for i, (pole_form, _, modulus) in enumerate(parts):
+            denominator = pole_form(values[i])[1]
+            # Beyond the stretch limit there is nothing: IDA takes it for a step too long.
+            rows[i] = rows[i] + denominator / modulus * speeds[i] if denominator > 0.0 else math.nan
+        out[:] = rows
+
+    def jacobian(
+        t: float, y: FloatArray, yp: FloatArray, res: FloatArray, cj: float, out: FloatArray
+    ) -> None:
+        values, speeds = y.tolist(), yp.tolist()
+        state = full(values)
+        forces, rows = equations.linearised(state)
+        slopes = equations.flow_law(state, forces, rows)[1] if sealed else []
+        for i, (pole_form, slope, modulus) in enumerate(parts):
+            rows[i][i] += (cj * pole_form(values[i])[1] + slope(values[i])[1] * speeds[i]) / modulus
+        if sealed:
+            gas = [slope / slopes[count] for slope in slopes[:count]]
+            for row in rows[:count]:
+                row[:count] = [entry - row[count] * g for entry, g in zip(row, gas, strict=False)]
+        out[:] = [row[:count] for row in rows[:count]]
+
+    def events(t: float, y: FloatArray, yp: FloatArray, out: FloatArray) -> None:
+        nonlocal looks
+        looks += 1
+        if looks > _MOST_LOOKS:
+            raise FlowError(f"no rest within {_MOST_LOOKS} steps")
+        values = full(y.tolist())
+        out[:] = [margin(values) for margin in margins]
+
+    events.direction = [-1] * len(margins)  # type: ignore[attr-defined]
+    y0, yp0 = _consistent(equations, start)
+    solver: Any = IDA(
+        residual,
+        jacfn=jacobian,
+        eventsfn=events,
+        num_events=len(margins),
+        rtol=rtol,
+        atol=rtol,
+    )
+    with contextlib.redirect_stdout(io.StringIO()):  # where scikit-sundae prints failures
+        result = solver.solve([0.0, _LONGEST], y0[:count], yp0[:count])
+    effort.ida_solves += 1
+    effort.ida_steps += len(result.t) - 1
+    effort.residual_calls += int(result.nfev)
+    effort.jacobian_calls += int(result.njev)
+    if result.status != 2:
+        raise FlowError(f"IDA: {result.message}")
+    states = np.array([full(values) for values in result.y.tolist()]).T
+    return states, int(np.flatnonzero(result.i_events[-1])[0])
+
+
+def _consistent(equations: Equations, start: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Consistent values and rates of the flow's unknowns (stretches, [pressure]) for given stretches."""
+    count = len(equations.walls)
+    values = equations.admitted(start.tolist())
+    if equations.has_pressure:
+        # The law is linear in the pressure: one Newton step is exact.
+        defect, slopes = equations.flow_law(values, *equations.linearised(values))
+        values[count] -= defect / slopes[count]
+    residual, rows = equations.linearised(values)
+    rates = [
+        -residual[i] * wall.modulus / wall.elastomer.pole_form(values[i])[1]
+        for i, wall in enumerate(equations.walls)
+    ]
+    if equations.has_pressure:
+        slopes = equations.flow_law(values, residual, rows)[1]
+        rates.append(-sum(slopes[i] * rates[i] for i in range(count)) / slopes[count])
+    return np.array(values[:-1]), np.array(rates)

@@ -1,0 +1,339 @@
+"""Balloons that take their time: the flow τᵢ dλᵢ/dt = −gᵢ in real time under a moving drive, with IDA.
+
+With a relaxation time τ the force balances gᵢ = 0 are approached, not solved, so nothing jumps: a snap takes
+as long as the flow needs. The gas law holds throughout. A balloon can also have a Maxwell branch (a spring
+k_v in series with a dashpot, in parallel to its elastomer: a Zener solid), with an inner stretch ξ,
+
+    τ dλ/dt = −g − (k_v/ξ) f_v(λ/ξ),    dξ/dt = ξ x f_v(x)/(12 t_v),  x = λ/ξ,
+
+where f_v is the neo-Hookean force. As x f_v(x) ≈ 12 (x − 1) for small strains, t_v is the time in which the
+branch then relaxes. The dissipation r²h[τ(dλ/dt)² + k_v (x f_v)²/(12 t_v)] is never negative.
+
+Work and dissipation are integrated beside the stretches, so the books tell how well it was done.
+
+References
+----------
+C. C. Foo, S. Cai, S. J. A. Koh, S. Bauer, Z. Suo, J. Appl. Phys. 111 (2012) 034102: the branch and its law.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.model.elastomers import NeoHookean, tension_force, tension_stiffness
+from simulator.model.groups import Group
+from simulator.solver.follow import Effort
+
+FloatArray = NDArray[np.float64]
+
+_RTOL = 1e-9
+_ATOL = 1e-11
+_ATOL_ENERGY = 1e-16  # a small history has small energies
+_MOST_LOOKS = 1_000_000
+_SPRING = NeoHookean()
+
+
+class CreepError(ArithmeticError):
+    """IDA could not follow the flow."""
+
+
+@dataclass(frozen=True)
+class Branch:
+    """A Maxwell branch: its modulus, over the reference balloon's, and its relaxation time."""
+
+    modulus: float
+    time: float
+
+
+@dataclass(frozen=True)
+class Material:
+    """How the balloons take their time: relaxation times and Maxwell branches, one or None for each."""
+
+    relaxation: tuple[float, ...]
+    branches: tuple[Branch | None, ...]
+
+    @property
+    def creeping(self) -> tuple[int, ...]:
+        """The balloons with a Maxwell branch."""
+        return tuple(i for i, branch in enumerate(self.branches) if branch is not None)
+
+
+@dataclass(frozen=True)
+class Passed:
+    """A margin that fell through zero: when, of what kind, and the stretches of all balloons then."""
+
+    time: float
+    kind: str
+    stretch: FloatArray
+
+
+@dataclass(frozen=True)
+class Passage:
+    """What became of the balloons over a stretch of time.
+
+    Attributes
+    ----------
+    time : (n,) array
+        The times asked for, up to the end.
+    stretch : (n, n_balloons) array
+    inner : (n_creeping,) array
+        Inner stretches at the end.
+    work, dissipated : float
+        ∫ −∂Π/∂v dv, and what was lost.
+    passed : tuple of Passed
+        Limit points in order of time; and what ended it, if anything did.
+    ended : bool
+    """
+
+    time: FloatArray
+    stretch: FloatArray
+    inner: FloatArray
+    work: float
+    dissipated: float
+    passed: tuple[Passed, ...]
+    ended: bool
+
+
+class Flow:
+    """The flow of all balloons: groups that each have their own equations, under one drive v(t)."""
+
+    def __init__(self, groups: Sequence[Group], material: Material) -> None:
+        self.groups = groups
+        self.material = material
+        self.count = sum(len(group.members) for group in groups)
+        self.creeping = material.creeping
+        self._balloons = [i for group in groups for i in group.members]
+        walls = {
+            i: wall for group in groups for i, wall in zip(group.members, group.equations.walls, strict=True)
+        }
+        self._walls = [walls[i] for i in range(self.count)]
+        # τD/k of the balances, and r²h τ of the dissipation.
+        self._slow = [t / w.modulus for t, w in zip(material.relaxation, self._walls, strict=True)]
+        self._loss = [t * w.weight / w.modulus for t, w in zip(material.relaxation, self._walls, strict=True)]
+
+    def state(self, group: Group, stretch: Sequence[float], v: float) -> list[float]:
+        """The unknowns of a group's equations, the pressure from the gas law."""
+        own = [stretch[i] for i in group.members]
+        if group.equations.has_pressure:
+            return [*own, group.equations.gas_pressure(own, v), v]
+        return [*own, v]
+
+    def spring(self, stretch: float, inner: float, branch: Branch) -> tuple[float, float]:
+        """The branch's share of g, and dξ/dt."""
+        ratio = stretch / inner
+        force = tension_force(_SPRING, ratio)
+        return branch.modulus * force / inner, inner * ratio * force / (12.0 * branch.time)
+
+    def spring_energy(self, stretch: FloatArray, inner: FloatArray) -> float:
+        """Energy stored in all Maxwell branches, over 4πR²Hμ."""
+        total = 0.0
+        for place, i in enumerate(self.creeping):
+            branch, wall = self.material.branches[i], self._walls[i]
+            assert branch is not None
+            ratio = float(stretch[i] / inner[place])
+            total += wall.weight / wall.modulus * branch.modulus * float(_SPRING.energy(ratio))
+        return total
+
+    def _rates(self, values: Sequence[float], v: float, speed: float) -> list[float]:
+        """Rates of all unknowns (stretches, inner stretches, work, dissipated energy)."""
+        stretch, inner = values[: self.count], values[self.count : -2]
+        rates = [0.0] * len(values)
+        power = 0.0
+        for group in self.groups:
+            state = self.state(group, stretch, v)
+            forces = group.equations.residual(state)
+            for i, force in zip(group.members, forces, strict=False):
+                rates[i] = -force / (self._walls[i].elastomer.pole_form(stretch[i])[1] * self._slow[i])
+            power += float(group.equations.drive_power(state))
+        loss = 0.0
+        for place, i in enumerate(self.creeping):
+            branch, wall = self.material.branches[i], self._walls[i]
+            assert branch is not None
+            share, rates[self.count + place] = self.spring(stretch[i], inner[place], branch)
+            rates[i] -= share / self.material.relaxation[i]
+            loss += wall.weight / wall.modulus * share * stretch[i] * rates[self.count + place] / inner[place]
+        rates[-2] = power * speed
+        rates[-1] = loss + sum(c * r * r for c, r in zip(self._loss, rates, strict=False))
+        return rates
+
+    def _residual(self, values: list[float], speeds: list[float], v: float, speed: float) -> list[float]:
+        stretch, inner = values[: self.count], values[self.count : -2]
+        out = [0.0] * len(values)
+        power = loss = 0.0
+        for group in self.groups:
+            state = self.state(group, stretch, v)
+            for i, force in zip(group.members, group.equations.residual(state), strict=False):
+                denominator = self._walls[i].elastomer.pole_form(stretch[i])[1]
+                # Beyond the stretch limit there is nothing: IDA takes it for a step too long.
+                out[i] = force + denominator * self._slow[i] * speeds[i] if denominator > 0.0 else math.nan
+            power += float(group.equations.drive_power(state))
+        for place, i in enumerate(self.creeping):
+            branch, wall = self.material.branches[i], self._walls[i]
+            assert branch is not None
+            share, rate = self.spring(stretch[i], inner[place], branch)
+            out[i] += wall.elastomer.pole_form(stretch[i])[1] * share / wall.modulus
+            out[self.count + place] = speeds[self.count + place] - rate
+            loss += wall.weight / wall.modulus * share * stretch[i] * rate / inner[place]
+        loss += sum(c * s * s for c, s in zip(self._loss, speeds, strict=False))
+        out[-2], out[-1] = speeds[-2] - power * speed, speeds[-1] - loss
+        return out
+
+    def _jacobian(self, values: list[float], speeds: list[float], v: float, cj: float) -> list[list[float]]:
+        """∂(residual)/∂y + c_j ∂(residual)/∂ẏ; work and loss, on which nothing depends, only roughly."""
+        size = len(values)
+        stretch, inner = values[: self.count], values[self.count : -2]
+        out = [[0.0] * size for _ in range(size)]
+        for group in self.groups:
+            state = self.state(group, stretch, v)
+            _, rows = group.equations.linearised(state)
+            count = len(group.members)
+            if group.equations.has_pressure:
+                gas = [entry / rows[count][count] for entry in rows[count][:count]]
+                rows = [
+                    [entry - row[count] * g for entry, g in zip(row, gas, strict=False)]
+                    for row in rows[:count]
+                ]
+            for i, row in zip(group.members, rows, strict=False):
+                for j, entry in zip(group.members, row, strict=False):
+                    out[i][j] = entry
+                pole_form, slope = (
+                    self._walls[i].elastomer.pole_form,
+                    self._walls[i].elastomer.pole_form_slope,
+                )
+                out[i][i] += self._slow[i] * (
+                    cj * pole_form(stretch[i])[1] + slope(stretch[i])[1] * speeds[i]
+                )
+        for place, i in enumerate(self.creeping):
+            branch, wall = self.material.branches[i], self._walls[i]
+            assert branch is not None
+            k, ratio = self.count + place, stretch[i] / inner[place]
+            force, slope = tension_force(_SPRING, ratio), tension_stiffness(_SPRING, ratio)
+            denominator, fall = (
+                wall.elastomer.pole_form(stretch[i])[1],
+                wall.elastomer.pole_form_slope(stretch[i])[1],
+            )
+            share = branch.modulus / wall.modulus / inner[place]
+            out[i][i] += share * (fall * force + denominator * slope / inner[place])
+            out[i][k] = -share * denominator * (force + ratio * slope) / inner[place]
+            # dξ/dt = λ f(λ/ξ)/(12 t)
+            out[k][i] = -(force + ratio * slope) / (12.0 * branch.time)
+            out[k][k] = cj + ratio * ratio * slope / (12.0 * branch.time)
+        out[-2][-2] = out[-1][-1] = cj
+        for i, c in enumerate(self._loss):
+            out[-1][i] = -2.0 * c * cj * speeds[i]
+        return out
+
+    def run(
+        self,
+        drive: Callable[[float], tuple[float, float]],
+        stretch: FloatArray,
+        inner: FloatArray,
+        times: FloatArray,
+        effort: Effort,
+    ) -> Passage:
+        """Let the balloons flow from `times[0]` to `times[-1]`, or to what ends the history.
+
+        Parameters
+        ----------
+        drive
+            v and dv/dt at a time, smooth from the first time to the last.
+        stretch : (n_balloons,) array
+        inner : (n_creeping,) array
+            Inner stretches of the Maxwell branches.
+        times : (n,) array
+            Rising; states are returned at these.
+        effort : Effort
+            Counters, added to.
+
+        Raises
+        ------
+        CreepError
+            If IDA fails.
+        """
+        from sksundae.ida import IDA
+
+        kinds, margins = self._margins()
+        looks = 0
+
+        def residual(t: float, y: FloatArray, yp: FloatArray, out: FloatArray) -> None:
+            out[:] = self._residual(y.tolist(), yp.tolist(), *drive(t))
+
+        def jacobian(
+            t: float, y: FloatArray, yp: FloatArray, res: FloatArray, cj: float, out: FloatArray
+        ) -> None:
+            out[:] = self._jacobian(y.tolist(), yp.tolist(), drive(t)[0], cj)
+
+        def events(t: float, y: FloatArray, yp: FloatArray, out: FloatArray) -> None:
+            nonlocal looks
+            looks += 1
+            if looks > _MOST_LOOKS:
+                raise CreepError(f"no end within {_MOST_LOOKS} steps")
+            values, v = y.tolist(), drive(t)[0]
+            out[:] = [margin(values, v) for margin in margins]
+
+        events.direction = [-1] * len(kinds)  # type: ignore[attr-defined]
+        events.terminal = [kind != "limit_point" for kind in kinds]  # type: ignore[attr-defined]
+        start = np.concatenate([stretch, inner, [0.0, 0.0]])
+        rates = np.array(self._rates(start.tolist(), *drive(float(times[0]))))
+        # A third time, or IDA's own steps would be returned.
+        asked = times if times.size > 2 else np.array([times[0], times.mean(), times[-1]])
+        for rtol in (_RTOL, 0.3 * _RTOL, 0.1 * _RTOL):
+            solver: Any = IDA(
+                residual,
+                jacfn=jacobian,
+                eventsfn=events,
+                num_events=len(kinds),
+                rtol=rtol,
+                atol=np.array([*[_ATOL] * (start.size - 2), *[_ATOL_ENERGY] * 2]),
+                max_num_steps=_MOST_LOOKS,
+            )
+            with contextlib.redirect_stdout(io.StringIO()):  # where scikit-sundae prints failures
+                result = solver.solve(asked, start, rates)
+            effort.ida_solves += 1
+            effort.residual_calls += int(result.nfev)
+            effort.jacobian_calls += int(result.njev)
+            if result.status >= 0:
+                break
+            # IDA gives up where a margin touches zero to the last digit of a step; other steps miss that.
+        effort.ida_steps += looks
+        if result.status < 0:
+            raise CreepError(f"IDA: {result.message}")
+        passed: list[Passed] = []
+        if result.t_events is not None:
+            for t, y, which in zip(result.t_events, result.y_events, result.i_events, strict=True):
+                passed += [Passed(float(t), kinds[k], y[: self.count].copy()) for k in np.flatnonzero(which)]
+        ended = bool(passed) and passed[-1].kind != "limit_point"
+        end = passed[-1].time if ended else float(times[-1])
+        kept = np.isin(result.t, times) & (result.t < end) | (result.t == end)
+        last = result.y[-1]
+        return Passage(
+            result.t[kept],
+            result.y[kept, : self.count],
+            last[self.count : -2].copy(),
+            float(last[-2]),
+            float(last[-1]),
+            tuple(passed),
+            ended,
+        )
+
+    def _margins(self) -> tuple[list[str], list[Callable[[list[float], float], float]]]:
+        """What is watched: stability of every group, what ends a history, and stretches without a limit."""
+        kinds: list[str] = []
+        margins: list[Callable[[list[float], float], float]] = []
+
+        def watched(group: Group, margin: Callable[[Any], Any]) -> Callable[[list[float], float], float]:
+            return lambda values, v: float(margin(self.state(group, values, v)))
+
+        for group in self.groups:
+            for condition in group.conditions:
+                kinds.append(condition.kind)
+                margins.append(watched(group, condition.margin))
+        return kinds, margins

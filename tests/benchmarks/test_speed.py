@@ -1,0 +1,139 @@
+"""Run times beside what a user would write today, in one session: `make bench`.
+
+The other way is the viscous ODE τ dλᵢ/dt = −gᵢ, gas law eliminated, with SciPy's LSODA and a relaxation
+time of 1e-7 of the ramp. Its limit point is late by 1e-5 in φ whatever the tolerance (all of it delay).
+Compare within one session only, medians with medians.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from simulator.analysis.trace import Until, _traced, sealed_state, trace
+from simulator.simulation.run import simulate
+from simulator.solver import follow
+from tests.pairs import pair
+
+AMBIENT, INFLATION, J, DELAY = 0.015, 1.2, 100.0, 1e-7
+CLIMB = 0.36044  # just below the first limit point of 3c B, φ = 0.360440865
+UP, DOWN = {"ramp": 0.4, "over": 1}, {"ramp": 0.0, "over": 1}
+
+
+def force(stretch):
+    return 2 * J * (stretch - stretch**-5) / (J - (2 * stretch * stretch + stretch**-4 - 3))
+
+
+def lsoda(*ends: float, rtol: float = 1e-8, atol: float = 1e-10, until: float | None = None):
+    start = brentq(lambda x: force(x) - INFLATION * x * x, 1.0001, 1.39)
+    gas = (INFLATION + AMBIENT) * 2 * start**3
+
+    def rates(t, stretch):
+        active, passive = stretch
+        voltage = 0.4 * t if t < 1 else 0.4 * (2 - t)
+        pressure = gas / (active**3 + passive**3) - AMBIENT
+        return [
+            -(force(active) - pressure * active**2 - 2 * voltage**2 * active**3) / DELAY,
+            -(force(passive) - pressure * passive**2) / DELAY,
+        ]
+
+    def snapped(t, stretch):
+        return stretch[0] - until
+
+    snapped.terminal = True
+    state = [start, start]
+    for begin, end in pairwise(ends):
+        events = snapped if until else None
+        result = solve_ivp(rates, (begin, end), state, method="LSODA", rtol=rtol, atol=atol, events=events)
+        state = result.y[:, -1]
+    return result
+
+
+@pytest.mark.benchmark(group="climb to the first limit point of 3c B, from scenario to result")
+def test_climb(benchmark):
+    scenario = pair(INFLATION, {"ramp": CLIMB, "over": 1}, ambient=AMBIENT)
+    benchmark(simulate, scenario)
+
+
+@pytest.mark.benchmark(group="climb to the first limit point of 3c B, from scenario to result")
+@pytest.mark.parametrize("rtol", [1e-8, 1e-6, 1e-3])
+def test_climb_by_lsoda(benchmark, rtol):
+    result = benchmark(lsoda, 0.0, 1.0, rtol=rtol, atol=0.01 * rtol, until=3.5)
+    assert 0.4 * result.t_events[0][0] == pytest.approx(0.360440865, abs=2e-5)
+
+
+@pytest.mark.benchmark(group="up and down 3c B")
+def test_cycle(benchmark):
+    benchmark(simulate, pair(INFLATION, UP, DOWN, ambient=AMBIENT))
+
+
+@pytest.mark.benchmark(group="up and down 3c B")
+@pytest.mark.parametrize("rtol", [1e-8, 1e-6, 1e-3])
+def test_cycle_by_lsoda(benchmark, rtol):
+    result = benchmark(lsoda, 0.0, 1.0, 2.0, rtol=rtol, atol=0.01 * rtol)
+    assert result.y[:, -1] == pytest.approx([1.2626, 1.2626], abs=1e-3)
+
+
+@pytest.mark.benchmark(group="cycles of 3c B")
+@pytest.mark.parametrize("cycles", [1, 10, 100])
+def test_cycles(benchmark, cycles):
+    benchmark.pedantic(
+        simulate, (pair(INFLATION, {"cycle": cycles, "steps": [UP, DOWN]}, ambient=AMBIENT),), rounds=5
+    )
+
+
+@pytest.mark.benchmark(group="whole process")
+@pytest.mark.parametrize("what", ["run", "imports"])
+def test_process(benchmark, what, tmp_path):
+    command = {
+        "run": ["-m", "simulator", "run", "scenarios/fig5b_state_b.toml", "--quiet", "--out", str(tmp_path)],
+        "imports": ["-c", "import numpy, sksundae, pandas"],
+    }[what]
+    benchmark.pedantic(subprocess.run, ([sys.executable, *command],), {"check": True}, rounds=7)
+
+
+def test_memory_is_flat():
+    """Resident memory over 10⁴ runs; not a timing, so it asserts."""
+    resource = pytest.importorskip("resource")
+    scenario = pair(0.6, {"ramp": 0.2}, ambient=AMBIENT, output={"points": 5})
+    sizes = []
+    for count in range(10_000):
+        simulate(scenario)
+        if count % 1000 == 999:
+            sizes.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+    assert np.ptp(sizes[1:]) < 4_000  # kB
+
+
+def pieces_of(scenario):
+    """What IDA is asked to integrate in a trace, to be asked again without anything around it."""
+    asked = []
+    integrate = follow._integrate
+
+    def noted(*words):
+        asked.append(words)
+        return integrate(*words)
+
+    follow._integrate = noted
+    try:
+        trace(scenario)
+    finally:
+        follow._integrate = integrate
+    return asked
+
+
+@pytest.mark.benchmark(group="the whole path of 3c B")
+@pytest.mark.parametrize("what", ["trace", "IDA alone"])
+def test_trace(benchmark, what):
+    scenario = pair(INFLATION, UP, ambient=AMBIENT)
+    if what == "trace":
+        device, group, start = sealed_state(scenario)
+        benchmark(_traced, "3c B", device, group, start, Until())
+    else:
+        asked = [words for words in pieces_of(scenario) if words[0].has_pressure]
+        benchmark(lambda: [follow._integrate(*words) for words in asked])
