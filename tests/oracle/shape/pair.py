@@ -14,7 +14,7 @@ import mpmath as mp
 import numpy as np
 
 DIGITS = 40
-SCAN = 4000  # intervals of λ₁ searched for a change of sign
+SCAN = 2000  # intervals of λ₁ searched for a change of sign
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class Pair:
         return self._balance(mp.cbrt(max(cube, mp.mpf(1))), pressure) if pressure > 0 else None
 
     def losses(self) -> list[Loss]:
-        """All stable equilibria with s = 0, by λ₁. (A pair of them closer than 0.0015 would go unseen.)"""
+        """All stable equilibria with s = 0, by λ₁. (A pair of them closer than 0.003 would go unseen.)"""
         end = float(mp.findroot(self._left, mp.sqrt(mp.mpf(self.limit + 3) / 2)))
         grid = np.linspace(1.0, end, SCAN + 1)[1:-1]
         found = []
