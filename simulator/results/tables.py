@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.results.files import write_files
-from simulator.results.history import Outcome
+from simulator.events import Outcome
 from simulator.units import VOLUME, in_si
 
 if TYPE_CHECKING:
