@@ -6,6 +6,7 @@ comes back to it, and so is the way out at each of its ends.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -24,6 +25,7 @@ from simulator.solver.newton import escape_direction, is_fold, parting_direction
 
 FloatArray = NDArray[np.float64]
 
+_ROUNDING = 1e-9  # of what the potential loses: no difference between two ways
 _SOON = 1e-4  # of a period: where it is seen whether a voltage rises
 
 
@@ -45,6 +47,8 @@ class Exit:
         The branch that it goes on with.
     fraction : float
         When, as a fraction of the leg.
+    set_out : (n_unknowns,) array or None
+        Where its flow begins, if not in the state that it leaves.
     """
 
     kind: EventKind
@@ -53,11 +57,26 @@ class Exit:
     dissipated: float = 0.0
     onward: Branch | None = None
     fraction: float = 0.0
+    set_out: FloatArray | None = None
 
     @property
     def runs_away(self) -> bool:
         """Whether the flow has no end."""
         return self.rest is not None and self.rest.end == EventKind.RUNAWAY
+
+    @property
+    def start(self) -> FloatArray:
+        """The state y in which its flow begins."""
+        return self.before if self.set_out is None else self.set_out
+
+    def ending(self, group: Group, rest: flow.Rest) -> Exit:
+        """The same flow of a group where it ends elsewhere."""
+        return replace(self, rest=rest, dissipated=_lost(group.equations, self.before, rest))
+
+    def falls_further_than(self, other: Exit) -> bool:
+        """Whether the potential falls further here, and not by rounding alone."""
+        here, there = (math.inf if exit.runs_away else exit.dissipated for exit in (self, other))
+        return here > there + _ROUNDING * abs(there)
 
     @property
     def landing(self) -> FloatArray | None:
@@ -201,9 +220,11 @@ class Atlas:
         equations, others = group.equations, group.conditions[1:]
         broken = [c.kind for c in others if c.margin(start.tolist()) < 0.0]
         if broken:
-            return Exit(EventKind.JUMP, before, flow.Rest(start, broken[0]))
+            # The pressure of a liquid has changed with the voltage.
+            at_once = flow.Rest(np.array(equations.admitted(start.tolist())), broken[0])
+            return Exit(EventKind.JUMP, before, at_once, _lost(equations, before, at_once), set_out=start)
         rest = flow.relax(equations, others, start, self.effort, tight=tight)
-        return Exit(EventKind.JUMP, before, rest, _lost(equations, before, rest))
+        return Exit(EventKind.JUMP, before, rest, _lost(equations, before, rest), set_out=start)
 
 
 def _lost(equations: AnyEquations, before: FloatArray, rest: flow.Rest) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -16,8 +16,10 @@ from simulator.simulation import motion
 from simulator.simulation.atlas import Atlas, Exit, is_slack, loses_tension
 from simulator.simulation.legs import SAME_INSTANT, PlayedLeg, played_legs
 from simulator.simulation.playback import Playback, record_exits
+from simulator.simulation.present import unknowns_of
 from simulator.simulation.recorder import sample_fractions
 from simulator.solver.certify import ULPS
+from simulator.solver.flow import Rest
 from simulator.solver.newton import softest_change
 
 if TYPE_CHECKING:
@@ -53,25 +55,12 @@ class QuasiStatic:
         """Let the balloons leave that were held by what is no longer there: shared gas, or given charges."""
         present = self.record.present
         line = present.electrodes.line
-        exits: dict[int, Exit] = {}
-        leaving: list[Group] = []
-        for group in motion.all_balloons(present.device, line, present.pressure, present.contents):
-            state = present.unknowns(group, 0.0)
-            if group.conditions[0].margin(state.tolist()) >= 0.0:
-                continue
-            equations = group.equations
-            nudge = np.zeros(state.size)
-            nudge[: len(group.members)] = _OFF * softest_change(equations, state)
-            # It may leave either way; it takes the steeper.
-            starts = [equations.admitted((state + sign * nudge).tolist()) for sign in (1.0, -1.0)]
-            start = np.array(min(starts, key=lambda y: float(equations.potential(y))))
-            exits[len(leaving)] = self.atlas.settle(group, start, state, tight=True)
-            leaving.append(group)
+        leaving = [group for group in self._all(line) if self._falls(group, 0.0)]
         if leaving:
-            states = [present.unknowns(group, 0.0) for group in leaving]
-            record_exits(self.record, self.books, leaving, line, exits, states)
+            exits = {place: self._fall(group, 0.0) for place, group in enumerate(leaving)}
+            self._leave(leaving, line, 0.0, exits)
 
-    def jump(self, way: Way, v: float) -> bool:
+    def jump(self, way: Way, v: float, *, loosened: bool) -> bool:
         """Change the voltages at once to those at v; the old state relaxes under them."""
         present = self.record.present
         target = way.at(v)
@@ -88,12 +77,67 @@ class QuasiStatic:
         ):
             self.record.event(EventKind.LOSS_OF_TENSION, present.snapshot)
             return True
-        states = [present.unknowns(group, new) for group in groups]
-        exits = {place: self.atlas.settle(g, states[place], states[place]) for place, g in enumerate(groups)}
+        exits: dict[int, Exit] = {}
+        for place, group in enumerate(groups):
+            state = present.unknowns(group, new)
+            exits[place] = self.atlas.settle(group, state, state)
+        if loosened:
+            moved = {i for group in groups for i in group.members}
+            for group in self._all(across):
+                if not moved.intersection(group.members) and self._falls(group, new):
+                    exits[len(groups)] = self._fall(group, new)
+                    groups.append(group)
         self.books.change_voltages(present.device, present.stretch, present.voltage, target)
         present.voltage = target
-        record_exits(self.record, self.books, groups, across, exits, states)
+        self._leave(groups, across, new, exits)
         return True
+
+    def _all(self, way: Way) -> list[Group]:
+        """The sets of equations of all balloons, as the valve stands."""
+        present = self.record.present
+        return motion.all_balloons(present.device, way, present.pressure, present.contents)
+
+    def _falls(self, group: Group, v: float) -> bool:
+        """Whether a group is where nothing holds it."""
+        return float(group.conditions[0].margin(self.record.present.unknowns(group, v).tolist())) < 0.0
+
+    def _fall(self, group: Group, v: float) -> Exit:
+        """How a group leaves an equilibrium that is not stable: the way on which the potential falls more."""
+        state, equations = self.record.present.unknowns(group, v), group.equations
+        nudge = np.zeros(state.size)
+        nudge[: len(group.members)] = _OFF * softest_change(equations, state)
+        one, other = (
+            self.atlas.settle(
+                group, np.array(equations.admitted((state + sign * nudge).tolist())), state, tight=True
+            )
+            for sign in (1.0, -1.0)
+        )
+        return other if other.falls_further_than(one) else one
+
+    def _leave(self, groups: Sequence[Group], way: Way, v: float, exits: dict[int, Exit]) -> None:
+        """Record the flows of some groups that begin at one instant.
+
+        With the valve open each balloon has its own, but the first that ends the history ends them all.
+        """
+        if len(groups) > 1 and any(exit.landing is None for exit in exits.values()):
+            exits = self._first_end(groups, way, v, exits)
+        states = [self.record.present.unknowns(group, v) for group in groups]
+        record_exits(self.record, self.books, groups, way, exits, states)
+
+    def _first_end(
+        self, groups: Sequence[Group], way: Way, v: float, exits: Mapping[int, Exit]
+    ) -> dict[int, Exit]:
+        """The flows of some groups up to where the first of them ends the history."""
+        from simulator.simulation.common_flow import first_end  # few histories end so
+
+        present = self.record.present
+        stretch = present.stretch.copy()
+        for place, exit in exits.items():
+            members = list(groups[place].members)
+            stretch[members] = exit.start[: len(members)]
+        kind, stretch = first_end(self._all(way), stretch, v, self.effort)
+        ends = [Rest(unknowns_of(group, stretch, present.pressure, v), kind) for group in groups]
+        return {place: exit.ending(groups[place], ends[place]) for place, exit in exits.items()}
 
     def travel(
         self, step: PlayedStep, legs: Sequence[Leg], start: float, lasts: float, watch: Watch | None

@@ -44,7 +44,7 @@ class RealTime:
     def release(self) -> None:
         """Nothing moves at once."""
 
-    def jump(self, way: Way, v: float) -> bool:
+    def jump(self, way: Way, v: float, *, loosened: bool) -> bool:
         """Change the voltages at once to those at v; nothing else does."""
         present = self.record.present
         target = way.at(v)

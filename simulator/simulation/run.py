@@ -55,8 +55,11 @@ class Kinetics(Protocol):
         """Let the balloons leave that were held by what is no longer there: shared gas, or given charges."""
         ...
 
-    def jump(self, way: Way, v: float) -> bool:
-        """Change the voltages at once to those at a place of a way, and say whether they differ."""
+    def jump(self, way: Way, v: float, *, loosened: bool) -> bool:
+        """Change the voltages at once to those at a place of a way, and say whether they differ.
+
+        `loosened` says whether something that held the balloons went at the same time; see `release`.
+        """
         ...
 
     def travel(
@@ -156,18 +159,16 @@ class Run:
         if not record.rows.time:
             present.valve_open = opens
             record.sample_now()
-        connects = present.connect(motion.given_by(step) or present.given)
-        was_open, present.valve_open = present.valve_open, opens
-        if opens and not was_open:
-            self.kinetics.release()
-        if record.ended:
-            return ()
+        loosened = present.connect(motion.given_by(step) or present.given) or (
+            opens and not present.valve_open
+        )
+        present.valve_open = opens
         legs = motion.motion(step, self.scenario.electroded, present.electrodes, present.pressure)
         first = legs[0]
-        jumped = motion.begins_by_jump(step) and self.kinetics.jump(
-            first.way, float(first.waveform.values[0])
-        )
-        if connects and not jumped:
+        begins = float(first.waveform.values[0])
+        # All that a step changes at once changes together, and the balloons leave by one flow.
+        jumped = motion.begins_by_jump(step) and self.kinetics.jump(first.way, begins, loosened=loosened)
+        if loosened and not jumped:
             self.kinetics.release()
         return legs
 
