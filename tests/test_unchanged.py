@@ -25,6 +25,8 @@ VOLATILE = {"seconds", "versions", "created", "simulator", "version"}
 def stripped(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: stripped(item) for key, item in value.items() if key not in VOLATILE}
+    if isinstance(value, str):
+        return value.replace(str(Path.cwd()), "")  # tables are told by their absolute path
     return [stripped(item) for item in value] if isinstance(value, list) else value
 
 

@@ -20,9 +20,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.events import EventKind
 from simulator.model.device import Device
 from simulator.model.drive import VoltageCurve, VoltageLine
-from simulator.results.history import Event, EventKind, History
+from simulator.results.history import Event, History
 from simulator.results.sensitivity import Sensitivity
 from simulator.scenario import Charge, Inflate, Sine, SineByName, duration
 from simulator.scenario.keys import changed_scenario, number_at, physical_keys

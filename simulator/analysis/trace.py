@@ -45,7 +45,7 @@ _RTOL = 1e-4
 
 
 @dataclass(frozen=True)
-class Until:
+class Limits:
     """Where a path is to be left: at a v (voltage, or pressure while inflating), or a stretch of the first
     electroded balloon (the inflated one while inflating).
     """
@@ -64,14 +64,14 @@ class _Piece:
     unstable: int
 
 
-def trace(scenario: Scenario, until: Until | None = None) -> Curve:
+def trace(scenario: Scenario, until: Limits | None = None) -> Curve:
     """The equilibrium path from a scenario's sealed state, with the common voltage free.
 
     Parameters
     ----------
     scenario : Scenario
         Played through the inflations that it begins with.
-    until : Until, optional
+    until : Limits, optional
         Where to stop; else where tension is lost, a stretch comes within 1e-6 of its limit, to 1000 where
         the elastomer has none or to the end of its measured curve, or the path comes back to zero voltage
         (where it meets its mirror image) or to where it has been.
@@ -84,7 +84,7 @@ def trace(scenario: Scenario, until: Until | None = None) -> Curve:
         If the path cannot be followed.
     """
     device, group, start = sealed_state(scenario)
-    return _traced(scenario, device, group, start, until or Until())
+    return _traced(scenario, device, group, start, until or Limits())
 
 
 def trace_all(scenario: Scenario) -> tuple[Curve, ...]:
@@ -93,15 +93,15 @@ def trace_all(scenario: Scenario) -> tuple[Curve, ...]:
     The detached ones are those through any other equilibrium at zero voltage. Raises as `trace`.
     """
     device, group, start = sealed_state(scenario)
-    curves = [_traced(scenario, device, group, start, Until())]
+    curves = [_traced(scenario, device, group, start, Limits())]
     for rest in rests(device, group.equations.gas):  # type: ignore[union-attr]
         met = np.array([curve.stretch[i] for curve in curves for i in (0, -1)])
         if np.min(np.max(np.abs(met - rest[: met.shape[1]]), axis=1)) > 1e-7:
-            curves.append(_traced(scenario, device, group, rest, Until()))
+            curves.append(_traced(scenario, device, group, rest, Limits()))
     return tuple(curves)
 
 
-def trace_inflation(scenario: Scenario, balloon: str | None = None, until: Until | None = None) -> Curve:
+def trace_inflation(scenario: Scenario, balloon: str | None = None, until: Limits | None = None) -> Curve:
     """One balloon's pressure-controlled curve from the stress-free state, over peak and valley.
 
     Parameters
@@ -109,7 +109,7 @@ def trace_inflation(scenario: Scenario, balloon: str | None = None, until: Until
     scenario : Scenario
     balloon : str, optional
         Name; default the last one (in the paper the passive, reference balloon).
-    until : Until, optional
+    until : Limits, optional
         Where to stop; default where the stretch comes within 1e-6 of its limit, or gets to 1000 where the
         elastomer has none.
 
@@ -128,7 +128,7 @@ def trace_inflation(scenario: Scenario, balloon: str | None = None, until: Until
     place = device.names.index(balloon) if balloon is not None else len(device.names) - 1
     device = device.bare(place)
     (group,) = groups.inflating(device, VoltageLine.common(0))
-    return _traced(scenario, device, group, np.array([1.0, 0.0]), until or Until())
+    return _traced(scenario, device, group, np.array([1.0, 0.0]), until or Limits())
 
 
 def sealed_state(scenario: Scenario) -> tuple[Device, Group, FloatArray]:
@@ -204,7 +204,7 @@ def _monotone_parts(device: Device, balloon: int) -> list[tuple[FloatArray, Floa
     return [part if part[1][0] < part[1][-1] else (part[0][::-1], part[1][::-1]) for part in parts]
 
 
-def _traced(scenario: Scenario, device: Device, group: Group, start: FloatArray, until: Until) -> Curve:
+def _traced(scenario: Scenario, device: Device, group: Group, start: FloatArray, until: Limits) -> Curve:
     """The path from a state at which v begins to rise, until something ends it."""
     equations, effort = group.equations, Effort()
     pieces: list[_Piece] = []
@@ -236,7 +236,7 @@ def _traced(scenario: Scenario, device: Device, group: Group, start: FloatArray,
     return _curve(scenario, device, group, pieces, found, effort)
 
 
-def _ends(group: Group, start: FloatArray, until: Until) -> Iterator[Condition]:
+def _ends(group: Group, start: FloatArray, until: Limits) -> Iterator[Condition]:
     """What ends a path besides zero voltage: slack membranes, a stretch at its limit, a stretch asked for, or
     the end of a measured curve.
     """

@@ -383,7 +383,7 @@ def _traced(
     from simulator.analysis import trace as room
     from simulator.simulation.run import SolverError
 
-    until = room.Until(v=to_drive, stretch=to_stretch)
+    until = room.Limits(v=to_drive, stretch=to_stretch)
     try:
         if inflation:
             return (room.trace_inflation(scenario, balloon, until),)

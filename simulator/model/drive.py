@@ -25,6 +25,7 @@ FloatArray = NDArray[np.float64]
 # What the source of the electrodes gives; the other follows.
 Quantity = Literal["voltage", "charge"]
 
+_ROUNDING = 4e-16  # of a voltage: two units in its last place
 _ONE_CORNER = 1e-12  # corners of two triangles closer than this part of a period are one
 
 
@@ -56,8 +57,11 @@ class VoltageLine:
             return cls.still(start, quantity)
         leader = change.index(largest)
         rate = tuple(c / largest for c in change)
+        # A line through zero has no offset: what rounding leaves of one would be a voltage where all are off.
         offset = tuple(
-            0.0 if i == leader or a == r * start[leader] else a - r * start[leader]
+            0.0
+            if i == leader or math.isclose(a, r * start[leader], rel_tol=_ROUNDING)
+            else a - r * start[leader]
             for i, (a, r) in enumerate(zip(start, rate, strict=True))
         )
         return cls(offset, rate, quantity)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simulator.analysis.trace import Until, trace_inflation
+from simulator.analysis.trace import Limits, trace_inflation
 from simulator.results.plot.curve import draw_path
 from simulator.scenario import load_scenario
 from simulator.simulation.run import simulate
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from simulator.scenario import Scenario
 
 
-_FAR = Until(stretch=7.1)
+_FAR = Limits(stretch=7.1)
 _HIGHEST = 1.6
 _BIG = "#888888"
 

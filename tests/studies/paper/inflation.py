@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import optimize
 
-from simulator.analysis.trace import Until, trace_inflation
+from simulator.analysis.trace import Limits, trace_inflation
 from simulator.model.device import Device
 from simulator.model.elastomers import Elastomer, tension_force
 from simulator.scenario import load_scenario
@@ -18,7 +18,7 @@ from tests.studies.paper.case import Case, Misprint, Statement
 if TYPE_CHECKING:
     from simulator.results.curve import Curve
 
-_FAR = Until(stretch=7.17)
+_FAR = Limits(stretch=7.17)
 
 
 def statements(scenarios: Path, cases: dict[str, Case]) -> list[Statement]:
