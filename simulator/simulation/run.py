@@ -604,7 +604,7 @@ class _Run:
             field=true_field,
             charge=charge,
             energy=device.energy(stretch, pressure, voltage, gas, is_open, charged),
-            stability=device.stability(stretch, pressure, voltage, gas, is_open, charged),
+            stability=device.stability(stretch, pressure, voltage, is_open, charged),
             events=tuple(self.events),
             outcome=self.outcome,
             energy_balance=books,
