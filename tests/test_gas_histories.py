@@ -75,11 +75,9 @@ def test_the_stability_column_is_the_curvature_of_the_energy():
     for name, scenario in made.items():
         balloons = Device.from_scenario(scenario)
         stretch, voltage = np.array([[1.6, 1.3]]), np.array([[0.2]])
-        volume = balloons.volume(stretch)
         pressure = np.array([0.4])
         contents = balloons.law.sealed(0.4, float(balloons.swelling(stretch)[0]))
         sealed = balloons.sealed(contents, VoltageLine.common(1))
-        amount = np.asarray(balloons.law.amount(pressure, volume))
 
         def potential(x, sealed=sealed):
             return float(sealed.potential([*x, 0.0, 0.2]))
@@ -98,7 +96,7 @@ def test_the_stability_column_is_the_curvature_of_the_energy():
             hessian -= 0.4 * np.diag(2 * stretch[0])
             across = null_space(arms[None, :])
             hessian = across.T @ hessian @ across
-        found = balloons.stability(stretch, pressure, voltage, amount, np.array([False]))[0]
+        found = balloons.stability(stretch, pressure, voltage, np.array([False]))[0]
         assert found == pytest.approx(np.linalg.eigvalsh(hessian)[0], rel=1e-4, abs=1e-4)
 
 

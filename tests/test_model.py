@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mpmath as mp
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,9 +10,10 @@ from hypothesis import strategies as st
 
 from simulator.model.conditions import conditions, softest_mode, stability
 from simulator.model.contents import IdealGas
-from simulator.model.device import Device, smallest_eigenvalue
-from simulator.model.drive import VoltageCurve, VoltageLine
-from simulator.model.membranes import ElectrodedMembrane, Membrane, OscillatingMembrane
+from simulator.model.coupling import CONSTRAINED, COUPLED
+from simulator.model.device import Device
+from simulator.model.drive import AffineDrive, SineDrive, VoltageCurve, VoltageLine
+from simulator.model.membranes import ElectrodedMembrane, Membrane
 from simulator.model.strength import ConstantStrength, PowerStrength
 from simulator.scenario import load_scenario
 
@@ -140,12 +142,12 @@ def test_only_what_moves_has_electrical_terms():
     left_only = three.sealed(IdealGas(1.0, 0.3), VoltageLine((0.0, 0.0), (1.0, 0.0)))
     assert [type(m) for m in left_only.membranes] == [ElectrodedMembrane, Membrane, Membrane]
     held = three.sealed(IdealGas(1.0, 0.3), VoltageLine((0.0, 0.2), (1.0, 0.0)))
-    assert [type(m) for m in held.membranes] == [ElectrodedMembrane, Membrane, ElectrodedMembrane]
+    assert [m.drive for m in held.membranes] == [AffineDrive(0.0, 1.0), None, AffineDrive(0.2, 0.0)]
     assert type(three.inflated(0, [0.0, 0.0]).membrane) is Membrane
     waves = three.sealed(IdealGas(1.0, 0.3), VoltageCurve((0.0, 0.2), (0.3, 0.0), (0.0, 0.0)))
-    assert [type(m) for m in waves.membranes] == [OscillatingMembrane, Membrane, ElectrodedMembrane]
+    assert [m.drive for m in waves.membranes] == [SineDrive(0.0, 0.3, 0.0), None, AffineDrive(0.2, 0.0)]
     rest = three.sealed(IdealGas(1.0, 0.3), VoltageCurve((0.0, 0.2), (0.0, 0.1), (0.0, 0.0)))
-    assert [type(m) for m in rest.membranes] == [Membrane, Membrane, OscillatingMembrane]
+    assert [m.drive for m in rest.membranes] == [None, None, SineDrive(0.2, 0.1, 0.0)]
 
 
 def test_a_step_along_a_curve_is_no_longer_than_an_eighth_of_a_period():
@@ -185,10 +187,37 @@ def test_conditions_are_those_that_apply():
     st.floats(0, 3),
 )
 def test_smallest_eigenvalue(parts, coupling):
-    diagonal, arms = (np.array([part]) for part in parts)
-    matrix = np.diag(diagonal[0]) + coupling * np.outer(arms[0], arms[0])
-    found = smallest_eigenvalue(diagonal, np.array([coupling]), arms)
-    assert found[0] == pytest.approx(np.linalg.eigvalsh(matrix)[0], abs=1e-11)
+    diagonal, arms = (np.array(part) for part in parts)
+    exact = np.linalg.eigvalsh(np.diag(diagonal) + coupling * np.outer(arms, arms))
+    squares = (coupling * arms**2).tolist()
+    for place, value in enumerate(exact):
+        assert COUPLED.eigenvalue(diagonal.tolist(), squares, place) == pytest.approx(value, abs=1e-11)
+    rows = [np.array([x, x]) for x in diagonal], [np.array([x, x]) for x in squares]
+    assert COUPLED.eigenvalue(*rows, 0) == pytest.approx([exact[0]] * 2, abs=1e-11)
+
+
+@pytest.mark.parametrize("count", range(2, 13))
+@pytest.mark.parametrize("spectrum", [COUPLED, CONSTRAINED], ids=["gas", "liquid"])
+def test_eigenvalues_next_to_a_stretch_limit(spectrum, count):
+    """Relative accuracy and signs, though some balloons are 1e12 times as stiff as others; 60 digits."""
+    random = np.random.default_rng(count)
+    with mp.workdps(60):
+        for _ in range(10):
+            sizes = 10.0 ** random.uniform(-6, 12, count)
+            diagonal = sizes * random.choice([-1.0, 1.0, 1.0, 1.0], count)
+            squares = 10.0 ** random.uniform(-6, 6, count)
+            if count > 3:
+                diagonal[1] = diagonal[0]  # two equal balloons
+            d, s = [mp.mpf(x) for x in diagonal], [mp.mpf(x) for x in squares]
+            arms = mp.matrix([mp.sqrt(x) for x in s])
+            if spectrum is COUPLED:
+                exact = mp.eigsy(mp.diag(d) + arms * arms.T, eigvals_only=True)
+            else:
+                basis = mp.eigsy(arms * arms.T)[1][:, : count - 1]  # across the arms
+                exact = mp.eigsy(basis.T * mp.diag(d) * basis, eigvals_only=True)
+            for place, value in enumerate(sorted(exact)):
+                found = spectrum.eigenvalue(diagonal.tolist(), squares.tolist(), place)
+                assert found == pytest.approx(float(value), rel=1e-11)
 
 
 def test_derived_quantities():
@@ -234,5 +263,5 @@ def test_energy_and_stability_columns(stretches, pressure, voltages):
                     x[j] += b * h
                     corners.append(potential(x))
                 hessian[i, j] = (corners[0] - corners[1] - corners[2] + corners[3]) / (4 * h * h)
-        found = three.stability(stretch, np.array([pressure]), voltage, gas, flags)[0]
+        found = three.stability(stretch, np.array([pressure]), voltage, flags)[0]
         assert found == pytest.approx(np.linalg.eigvalsh(hessian)[0], rel=1e-4, abs=1e-3)

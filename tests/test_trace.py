@@ -374,7 +374,7 @@ def test_picture_of_an_inflation_is_over_pressure():
 
 
 def command(*arguments: object):
-    return CliRunner().invoke(app.app, [str(argument) for argument in arguments])
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 SEALED = ROOT / "scenarios/fig3c_state_b.toml"

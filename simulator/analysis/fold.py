@@ -26,6 +26,7 @@ from scipy import optimize
 from simulator.analysis.trace import sealed_state, trace, trace_inflation
 from simulator.model.contents import Law
 from simulator.model.device import Device
+from simulator.model.drive import AffineDrive
 from simulator.model.elastomers import Elastomer, Gent, Number, largest_stretch
 from simulator.model.equations import SealedBalloons
 from simulator.model.membranes import ElectrodedMembrane, Membrane
@@ -198,7 +199,7 @@ class _Parameters:
 
     def walls(self) -> tuple[Membrane, ...]:
         return tuple(
-            Membrane(elastomer, r / (h * k), k, r * r * h * k, r * r * r)
+            Membrane.of(elastomer, r, h, k)
             for elastomer, r, h, k in zip(
                 self.elastomers, self.radius, self.thickness, self.modulus, strict=True
             )
@@ -273,7 +274,7 @@ class _Sealed:
         e, h, k, r = (
             part[i] for part in (numbers.permittivity, numbers.thickness, numbers.modulus, numbers.radius)
         )
-        return ElectrodedMembrane(walls[i], 2.0 * e / (h * h * k), r * r * e / h, h, 0.0, 1.0)
+        return ElectrodedMembrane.of(walls[i], r, h, k, e, AffineDrive(0.0, 1.0))
 
     def margins(self, z: Sequence[float]) -> list[float]:
         """Pressure, voltage, and the softest inflated balloon's stiffness."""

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from simulator.events import EventKind
 from simulator.model.device import Device
-from simulator.model.drive import VoltageCurve, VoltageLine
+from simulator.model.drive import VoltageLine
 from simulator.results.history import Event, History
 from simulator.results.sensitivity import Sensitivity
 from simulator.scenario import Charge, Inflate, Sine, SineByName, duration
@@ -146,7 +146,7 @@ class _Here:
         line = next((leg for leg in legs if share <= leg.end), legs[-1]).way
         if line.quantity == "charge":
             raise ValueError(f"limit point at time {event.time}: of a charge, not of a voltage")
-        if isinstance(line, VoltageCurve):
+        if not isinstance(line, VoltageLine):
             raise ValueError(f"limit point at time {event.time}: of sines by name, not of a voltage")
         if _ended_early(history, event):
             raise ValueError(f"limit point at time {event.time}: an until before it moves too")

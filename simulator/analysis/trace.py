@@ -21,9 +21,8 @@ from simulator.model.contents import Contents
 from simulator.model.device import Device
 from simulator.model.drive import VoltageLine
 from simulator.model.elastomers import Number, largest_stretch
-from simulator.model.equations import OpenBalloon, SealedBalloons, State
+from simulator.model.equations import State
 from simulator.model.groups import AnyEquations, Group
-from simulator.model.membranes import ElectrodedMembrane
 from simulator.results.curve import Curve, SpecialPoint
 from simulator.scenario import Inflate, Problem, ScenarioError
 from simulator.simulation.run import simulate
@@ -250,15 +249,10 @@ def _ends(group: Group, start: FloatArray, until: Limits) -> Iterator[Condition]
         elif not np.isfinite(largest_stretch(wall.elastomer)):
             yield _stretch_condition("unbounded", place, ENDLESS, 1.0)
     if until.stretch is not None:
-        place = next((i for i, m in enumerate(_membranes(group)) if isinstance(m, ElectrodedMembrane)), 0)
+        place = next((i for i, m in enumerate(group.equations.membranes) if m.drive is not None), 0)
         yield _stretch_condition(
             "reached", place, until.stretch, 1.0 if until.stretch > start[place] else -1.0
         )
-
-
-def _membranes(group: Group) -> Sequence[object]:
-    equations = group.equations
-    return equations.membranes if isinstance(equations, SealedBalloons) else (equations.membrane,)
 
 
 def _stretch_condition(kind: str, place: int, value: float, sign: float) -> Condition:
@@ -332,7 +326,7 @@ def _curve(
     voltage = np.repeat(states[-1:].T, len(device.electroded), axis=1)
     pressure = np.asarray(group.equations.pressure(states))
     gas = np.asarray(device.law.amount(pressure, device.volume(stretch)))
-    is_open = np.full(len(stretch), isinstance(group.equations, OpenBalloon))
+    is_open = np.full(len(stretch), not group.equations.has_pressure)
     return Curve(
         title=scenario.title,
         balloons=device.names,
@@ -344,7 +338,7 @@ def _curve(
         field=device.field(stretch, voltage),
         charge=device.charge(stretch, voltage),
         energy=device.energy(stretch, pressure, voltage, gas, is_open),
-        stability=device.stability(stretch, pressure, voltage, gas, is_open),
+        stability=device.stability(stretch, pressure, voltage, is_open),
         unstable=np.concatenate(counts),
         points=tuple(
             SpecialPoint(

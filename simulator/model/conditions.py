@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from simulator.events import EventKind
 from simulator.model.elastomers import Number, largest_stretch
-from simulator.model.equations import Equations, OpenBalloon, SealedBalloons, State
-from simulator.model.membranes import ChargedMembrane, ElectrodedMembrane, OscillatingMembrane
+from simulator.model.equations import Equations, State
+from simulator.model.membranes import AnyMembrane
 from simulator.model.strength import Strength
 
 FloatArray = NDArray[np.float64]
@@ -36,23 +36,16 @@ class Condition:
     slope: Callable[[FloatArray], FloatArray]
 
 
-def conditions(
-    equations: SealedBalloons | OpenBalloon, strengths: Sequence[Strength | None]
-) -> tuple[Condition, ...]:
+def conditions(equations: Equations, strengths: Sequence[Strength | None]) -> tuple[Condition, ...]:
     """The conditions that apply to a set of equations, stability first.
 
     `strengths` are those of its balloons' films, None where there is none.
     """
     found = [stability(equations)]
-    if isinstance(equations, SealedBalloons):
-        found.append(tension(equations))
-        membranes: Sequence[object] = equations.membranes
-    else:
-        membranes = (equations.membrane,)
-    for place, (membrane, strength) in enumerate(zip(membranes, strengths, strict=True)):
-        if strength is not None and isinstance(
-            membrane, ElectrodedMembrane | ChargedMembrane | OscillatingMembrane
-        ):
+    if equations.has_pressure:
+        found.append(tension(len(equations.membranes)))
+    for place, (membrane, strength) in enumerate(zip(equations.membranes, strengths, strict=True)):
+        if strength is not None and membrane.drive is not None:
             found.append(intactness(membrane, place, strength))
     for place, wall in enumerate(equations.walls):
         if (largest := largest_stretch(wall.elastomer)) < math.inf:
@@ -92,9 +85,8 @@ def singularity(equations: Equations, place: int, sign: float) -> Condition:
     return Condition(EventKind.LIMIT_POINT, margin, slope)
 
 
-def tension(equations: SealedBalloons) -> Condition:
-    """The pressure; at zero the membranes go slack."""
-    place = len(equations.membranes)
+def tension(place: int) -> Condition:
+    """The pressure, the unknown at a place; at zero the membranes go slack."""
 
     def slope(y: FloatArray) -> FloatArray:
         out = np.zeros(y.size)
@@ -104,9 +96,7 @@ def tension(equations: SealedBalloons) -> Condition:
     return Condition(EventKind.LOSS_OF_TENSION, lambda y: y[place], slope)
 
 
-def intactness(
-    membrane: ElectrodedMembrane | ChargedMembrane | OscillatingMembrane, place: int, strength: Strength
-) -> Condition:
+def intactness(membrane: AnyMembrane, place: int, strength: Strength) -> Condition:
     """1 − (E/E_b)² of one electroded balloon; at zero its film breaks down."""
 
     def margin(y: State) -> Number:

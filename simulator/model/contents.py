@@ -1,8 +1,9 @@
 """What the balloons share: a gas at one temperature, a gas without exchange of heat, or a liquid.
 
-A *law* (`Isothermal`, `Adiabatic`, `Incompressible`) is what a scenario names. Closing the valve makes of it
-the *contents* (`IdealGas`, `SealedGas`, `Liquid`): one equation between pressure and volume, chosen when
-the equations are composed. Only a gas in a rigid chamber knows of the chamber.
+A *law* (`Gas`, `Incompressible`) is what a scenario names. Closing the valve makes of it the *contents*
+(`IdealGas`, `SealedGas`, `Liquid`): one equation between pressure and volume, chosen when the equations are
+composed. A gas is written in products (`IdealGas`) or, where these would hardly change, in differences
+from the state in which it was sealed (`SealedGas`).
 
 Volumes are over 4πR³. The balloons' own is called `swelling`; the equations sum Σ r³λ³, three times that,
 called `cubes` here.
@@ -10,7 +11,6 @@ called `cubes` here.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.model.coupling import CONSTRAINED, COUPLED, Spectrum
+from simulator.model.expansion import ISOTHERM, Expansion, work_against
 
 if TYPE_CHECKING:
     from simulator.model.membranes import AnyMembrane, Membrane
@@ -77,6 +78,24 @@ class Contents(Protocol):
         ...
 
 
+def _gas_flow_law(
+    gas: Contents,
+    walls: Sequence[Membrane],
+    y: Sequence[float],
+    residual: list[Number],
+    rows: list[list[Number]],
+) -> tuple[Number, list[Number]]:
+    """Of a gas: its own equation, which is linear in p."""
+    return residual[-1], rows[-1]
+
+
+def _any_volume(
+    gas: Contents, membranes: Sequence[AnyMembrane], walls: Sequence[Membrane], y: list[float]
+) -> list[float]:
+    """Of a gas: it takes any volume."""
+    return y
+
+
 @dataclass(frozen=True)
 class IdealGas:
     """(p + pₑ)V = n, in the balloons alone."""
@@ -85,6 +104,8 @@ class IdealGas:
     ambient: Number
 
     spectrum = COUPLED
+    flow_law = _gas_flow_law
+    admitted = _any_volume
 
     def defect(self, pressure: Number, cubes: Number) -> Number:
         return (pressure + self.ambient) * cubes / (3.0 * self.amount) - 1.0
@@ -98,10 +119,9 @@ class IdealGas:
         return 9.0 * self.amount / (cubes * cubes)
 
     def energy(self, swelling: Number) -> Number:
-        # −n ln V + pₑV, from the volume V₀ = n/(1 + pₑ): with u = V/V₀ − 1 the large parts cancel on paper.
+        # From the volume V₀ = n/(1 + pₑ), at which p = 1.
         start = self.amount / (1.0 + self.ambient)
-        u = (swelling - start) / start
-        return -(start * (np.log1p(u) + self.ambient * (np.log1p(u) - u)))
+        return work_against(ISOTHERM, 1.0, self.ambient, start, (swelling - start) / start)
 
     def flow_pressure(
         self,
@@ -111,59 +131,6 @@ class IdealGas:
         v: Number,
     ) -> Number:
         return 3.0 * self.amount / _cubes(walls, stretches) - self.ambient
-
-    def flow_law(
-        self, walls: Sequence[Membrane], y: Sequence[float], residual: list[Number], rows: list[list[Number]]
-    ) -> tuple[Number, list[Number]]:
-        return residual[-1], rows[-1]
-
-    def admitted(
-        self, membranes: Sequence[AnyMembrane], walls: Sequence[Membrane], y: list[float]
-    ) -> list[float]:
-        return y
-
-
-class Expansion(Protocol):
-    """How the absolute pressure falls as the volume grows by the fraction u from where it was sealed."""
-
-    def fall(self, u: Number) -> tuple[Number, Number]:
-        """The fraction of the absolute pressure that is lost, and its derivative in u."""
-        ...
-
-    def work(self, u: Number) -> Number:
-        """−∫ of the fraction of the pressure that is left, from 0 to u."""
-        ...
-
-
-@dataclass(frozen=True)
-class Isotherm:
-    """Pressure times volume stays."""
-
-    def fall(self, u: Number) -> tuple[Number, Number]:
-        return u / (1.0 + u), 1.0 / ((1.0 + u) * (1.0 + u))
-
-    def work(self, u: Number) -> Number:
-        return -np.log1p(u)
-
-
-@dataclass(frozen=True)
-class Adiabat:
-    """Pressure times volume^γ stays."""
-
-    exponent: Number
-
-    def fall(self, u: Number) -> tuple[Number, Number]:
-        if not isinstance(u, float):
-            left = -self.exponent * np.log1p(u)
-            return -np.expm1(left), self.exponent * np.exp(left) / (1.0 + u)
-        if not u > -1.0:
-            return math.nan, math.nan
-        left = -self.exponent * math.log1p(u)
-        return -math.expm1(left), self.exponent * math.exp(left) / (1.0 + u)
-
-    def work(self, u: Number) -> Number:
-        g = self.exponent - 1.0
-        return np.expm1(-g * np.log1p(u)) / g
 
 
 @dataclass(frozen=True)
@@ -181,6 +148,8 @@ class SealedGas:
     expansion: Expansion
 
     spectrum = COUPLED
+    flow_law = _gas_flow_law
+    admitted = _any_volume
 
     @cached_property
     def _volume(self) -> Number:
@@ -202,9 +171,7 @@ class SealedGas:
         return self.linearised(0.0, cubes)[2]
 
     def energy(self, swelling: Number) -> Number:
-        u = self._growth(swelling)
-        work = self.expansion.work(u)
-        return self._volume * (self.pressure * work + self.ambient * (work + u))
+        return work_against(self.expansion, self.pressure, self.ambient, self._volume, self._growth(swelling))
 
     def flow_pressure(
         self,
@@ -214,16 +181,6 @@ class SealedGas:
         v: Number,
     ) -> Number:
         return -self.defect(0.0, _cubes(walls, stretches))
-
-    def flow_law(
-        self, walls: Sequence[Membrane], y: Sequence[float], residual: list[Number], rows: list[list[Number]]
-    ) -> tuple[Number, list[Number]]:
-        return residual[-1], rows[-1]
-
-    def admitted(
-        self, membranes: Sequence[AnyMembrane], walls: Sequence[Membrane], y: list[float]
-    ) -> list[float]:
-        return y
 
 
 @dataclass(frozen=True)
@@ -307,81 +264,63 @@ class Liquid:
 
 
 class Law(Protocol):
-    """What a scenario says of the contents; arrays where states are arrays. `volume` includes the chamber."""
+    """What a scenario says of the contents; numbers or arrays. `volume` includes the chamber."""
 
     @property
-    def ambient(self) -> Number: ...
+    def ambient(self) -> Number:
+        """Ambient pressure, over μH/R."""
+        ...
+
     @property
-    def chamber(self) -> Number: ...
-    @property
-    def spectrum(self) -> Spectrum: ...
+    def chamber(self) -> Number:
+        """Volume of the chamber, over 4πR³."""
+        ...
 
     def amount(self, pressure: Number, volume: Number) -> Number:
         """What stays when the valve is closed in a state: n, or for a liquid the volume."""
         ...
 
     def sealed(self, pressure: Number, swelling: Number) -> Contents:
-        """The valve closed in a state; `swelling` is the balloons' volume, without the chamber."""
+        """The valve closed in a state, or in each of several.
+
+        `swelling` is the balloons' volume, without the chamber.
+        """
         ...
 
     def energy(self, amount: FloatArray, pressure: FloatArray, volume: FloatArray) -> FloatArray:
         """The share of the contents and their surroundings in Π."""
         ...
 
-    def stiffness(self, amount: FloatArray, pressure: FloatArray, volume: FloatArray) -> FloatArray:
-        """−dp/dV; 1 for a liquid, whose own is infinite and replaced by a constraint."""
+    def formula(self) -> str:
+        """The law as an equation, in words."""
         ...
 
 
 @dataclass(frozen=True)
-class Isothermal:
-    """An ideal gas at the temperature of its surroundings."""
+class Gas:
+    """An ideal gas, sealed at the temperature of its surroundings or its supply, and what is kept then."""
 
     ambient: Number
     chamber: Number = 0.0
-
-    spectrum = COUPLED
+    expansion: Expansion = ISOTHERM
 
     def amount(self, pressure: Number, volume: Number) -> Number:
         return (pressure + self.ambient) * volume
 
     def sealed(self, pressure: Number, swelling: Number) -> IdealGas | SealedGas:
-        if self.chamber != 0.0:
-            return SealedGas(pressure, swelling, self.ambient, self.chamber, Isotherm())
+        if self.chamber != 0.0 or self.expansion != ISOTHERM:
+            return SealedGas(pressure, swelling, self.ambient, self.chamber, self.expansion)
         # Sealed at no pressure in a vacuum there is no gas; tension is lost before its law is ever used.
         amount = self.amount(pressure, swelling)
-        return IdealGas(_TINY if amount == 0.0 else amount, self.ambient)
+        return IdealGas(amount + _TINY * (amount == 0.0), self.ambient)
 
     def energy(self, amount: FloatArray, pressure: FloatArray, volume: FloatArray) -> FloatArray:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.where(amount > 0.0, -amount * np.log(volume), 0.0) + self.ambient * volume)
+        own = self.expansion.energy(amount, pressure + self.ambient, volume)
+        return np.asarray(own + self.ambient * volume)
 
-    def stiffness(self, amount: FloatArray, pressure: FloatArray, volume: FloatArray) -> FloatArray:
-        return np.asarray(amount / volume**2)
-
-
-@dataclass(frozen=True)
-class Adiabatic:
-    """An ideal gas that exchanges no heat while sealed; it is sealed at the temperature of its supply."""
-
-    ambient: Number
-    chamber: Number = 0.0
-    exponent: Number = 1.4
-
-    spectrum = COUPLED
-
-    def amount(self, pressure: Number, volume: Number) -> Number:
-        return (pressure + self.ambient) * volume
-
-    def sealed(self, pressure: Number, swelling: Number) -> SealedGas:
-        return SealedGas(pressure, swelling, self.ambient, self.chamber, Adiabat(self.exponent))
-
-    def energy(self, amount: FloatArray, pressure: FloatArray, volume: FloatArray) -> FloatArray:
-        inner = (pressure + self.ambient) * volume / (self.exponent - 1.0)
-        return np.asarray(inner + self.ambient * volume)
-
-    def stiffness(self, amount: FloatArray, pressure: FloatArray, volume: FloatArray) -> FloatArray:
-        return np.asarray(self.exponent * (pressure + self.ambient) / volume)
+    def formula(self) -> str:
+        volume = f"({self.chamber:g} + Σ r³λ³/3)" if self.chamber else "Σ r³λ³/3"
+        return f"gas: {self.expansion.formula(f'(p + {self.ambient:g})', volume)}"
 
 
 @dataclass(frozen=True)
@@ -390,8 +329,6 @@ class Incompressible:
 
     ambient: Number
     chamber: Number = 0.0
-
-    spectrum = CONSTRAINED
 
     def amount(self, pressure: Number, volume: Number) -> Number:
         return volume
@@ -402,8 +339,8 @@ class Incompressible:
     def energy(self, amount: FloatArray, pressure: FloatArray, volume: FloatArray) -> FloatArray:
         return np.zeros_like(volume)
 
-    def stiffness(self, amount: FloatArray, pressure: FloatArray, volume: FloatArray) -> FloatArray:
-        return np.ones_like(volume)
+    def formula(self) -> str:
+        return "liquid: Σ r³λ³/3 = constant"
 
 
 def _cubes(walls: Sequence[Membrane], stretches: Sequence[Number]) -> Number:
@@ -414,6 +351,6 @@ def _cubes(walls: Sequence[Membrane], stretches: Sequence[Number]) -> Number:
     return total
 
 
-def _pace(walls: Sequence[Membrane]) -> float:
+def _pace(walls: Sequence[Membrane]) -> Number:
     """A rate of the flow: the largest modulus."""
     return max(wall.modulus for wall in walls)

@@ -3,6 +3,14 @@
 A gas adds a finite stiffness to one direction of the stretches: S = diag(d) + √s √sᵀ. A liquid forbids that
 direction: of diag(d) only what it does across √s is left, and one eigenvalue fewer. Both are written for the
 same two lists, d and s, of floats or rows of arrays.
+
+Both spectra are the roots x of one equation (G. H. Golub, SIAM Rev. 15 (1973) 318–334),
+
+    c + Σ sᵢ/(dᵢ − x) = 0,    c = 1 for a gas, 0 for a liquid,
+
+one between each two neighbours of the sorted d and, for a gas, one above the largest. The sum is taken from 0
+and not from a neighbour, so that a root close to 0 has the right sign and the right digits however large the
+other eigenvalues are: next to a stretch limit they grow without bound.
 """
 
 from __future__ import annotations
@@ -18,13 +26,20 @@ FloatArray = NDArray[np.float64]
 Number = Any
 
 _LEAST = float(np.finfo(float).tiny)
+_EPS = float(np.finfo(float).eps)
+_CLOSEST = 1e-150  # two d closer than this are one: the squares of their distances are no numbers
+_MOST_ITERATIONS = 200
 
 
 class Spectrum(Protocol):
     """Eigenvalues, modes and determinant, from the diagonal d and the squares s of the coupling."""
 
+    def count(self, balloons: int) -> int:
+        """The number of eigenvalues of so many balloons."""
+        ...
+
     def eigenvalue(self, diagonal: Sequence[Number], squares: Sequence[Number], place: int) -> Number:
-        """The eigenvalue at a place in ascending order."""
+        """The eigenvalue at a place in ascending order; NaN where d or s are none."""
         ...
 
     def modes(self, diagonal: Sequence[float], squares: Sequence[float]) -> tuple[FloatArray, FloatArray]:
@@ -50,29 +65,21 @@ class Spectrum(Protocol):
 class Coupled:
     """S = diag(d) + √s √sᵀ; with s = 0 no coupling at all."""
 
+    def count(self, balloons: int) -> int:
+        return balloons
+
     def eigenvalue(self, diagonal: Sequence[Number], squares: Sequence[Number], place: int) -> Number:
         if len(diagonal) == 1:
             return diagonal[0] + squares[0]
         if len(diagonal) == 2:
-            (d, e), (s, t) = diagonal, squares
-            half = 0.5 * (d + s - e - t)
-            square = half * half + s * t
-            # D, and with it s or t, can be a rounding error below zero at the stretch limit.
-            root = (
-                math.sqrt(max(square, 0.0)) if isinstance(square, float) else np.sqrt(np.maximum(square, 0.0))
-            )
-            return 0.5 * (d + s + e + t) + (root if place else -root)
-        arms = np.sqrt(np.maximum(np.asarray(squares).T, 0.0))
-        matrices = arms[..., :, None] * arms[..., None, :]
-        index = np.arange(len(diagonal))
-        matrices[..., index, index] += np.asarray(diagonal).T
-        found = np.linalg.eigvalsh(matrices)[..., place]
-        return float(found) if found.ndim == 0 else found
+            return _one_of_two(diagonal, squares, place)
+        return _roots(diagonal, squares, place, 1.0)
 
     def modes(self, diagonal: Sequence[float], squares: Sequence[float]) -> tuple[FloatArray, FloatArray]:
         arms = np.sqrt(np.maximum(squares, 0.0))
-        values, vectors = np.linalg.eigh(np.diag(diagonal) + np.outer(arms, arms))
-        return np.asarray(values), np.asarray(vectors)
+        _, vectors = np.linalg.eigh(np.diag(diagonal) + np.outer(arms, arms))
+        values = [self.eigenvalue(diagonal, squares, place) for place in range(len(diagonal))]
+        return np.array(values, dtype=np.float64), np.asarray(vectors)
 
     def slopes(
         self,
@@ -99,6 +106,9 @@ class Constrained:
     motion: nothing can make it unstable, and its margin is 1 at any state.
     """
 
+    def count(self, balloons: int) -> int:
+        return balloons - 1
+
     def eigenvalue(self, diagonal: Sequence[Number], squares: Sequence[Number], place: int) -> Number:
         if len(diagonal) == 1:
             return 1.0 + 0.0 * diagonal[0]
@@ -108,27 +118,14 @@ class Constrained:
             if isinstance(total, float) and total == 0.0:
                 return math.nan  # both beyond their stretch limits: a trial that leads nowhere
             return (d * t + e * s) / total
-        arms = np.sqrt(np.maximum(np.asarray(squares).T, 0.0))
-        across = arms / np.maximum(np.sqrt(np.sum(arms * arms, axis=-1, keepdims=True)), _LEAST)
-        spread = np.asarray(diagonal).T
-        turned = spread * across
-        # D − u(Du)ᵀ − (Du)uᵀ + (u·Du + σ) u uᵀ; σ puts the forbidden direction above all others.
-        lift = np.sum(across * turned, axis=-1) + np.max(np.abs(spread), axis=-1) + 1.0
-        matrices = (
-            lift[..., None, None] * across[..., :, None] * across[..., None, :]
-            - across[..., :, None] * turned[..., None, :]
-            - turned[..., :, None] * across[..., None, :]
-        )
-        index = np.arange(len(diagonal))
-        matrices[..., index, index] += spread
-        found = np.linalg.eigvalsh(matrices)[..., place]
-        return float(found) if found.ndim == 0 else found
+        return _roots(diagonal, squares, place, 0.0)
 
     def modes(self, diagonal: Sequence[float], squares: Sequence[float]) -> tuple[FloatArray, FloatArray]:
         arms = np.sqrt(np.maximum(squares, 0.0))
         basis = np.linalg.svd(arms[None, :])[2][1:].T  # orthonormal, across the arms
-        values, vectors = np.linalg.eigh(basis.T @ (np.asarray(diagonal)[:, None] * basis))
-        return np.asarray(values), np.asarray(basis @ vectors)
+        _, vectors = np.linalg.eigh(basis.T @ (np.asarray(diagonal)[:, None] * basis))
+        values = [self.eigenvalue(diagonal, squares, place) for place in range(len(diagonal) - 1)]
+        return np.array(values, dtype=np.float64), np.asarray(basis @ vectors)
 
     def slopes(
         self,
@@ -155,6 +152,120 @@ class Constrained:
         return _minors(diagonal, squares)
 
 
+COUPLED = Coupled()
+CONSTRAINED = Constrained()
+
+
+def _one_of_two(diagonal: Sequence[Number], squares: Sequence[Number], place: int) -> Number:
+    """One of the two eigenvalues of two balloons: the larger by the root, the other by the product."""
+    (d, e), (s, t) = diagonal, squares
+    mean, half = 0.5 * (d + s + e + t), 0.5 * (d + s - e - t)
+    # D, and with it s or t, can be a rounding error below zero at the stretch limit.
+    if isinstance(half, float):
+        root = math.sqrt(max(half * half + s * t, 0.0))
+        if (mean > 0.0) == bool(place) or mean == 0.0:
+            return mean + root if place else mean - root
+        other = mean + root if mean > 0.0 else mean - root
+        return (d * e + d * t + e * s) / other
+    root = np.sqrt(np.maximum(half * half + s * t, 0.0))
+    larger = np.where(mean > 0.0, mean + root, mean - root)
+    by_determinant = np.divide(d * e + d * t + e * s, larger, out=np.zeros_like(larger), where=larger != 0.0)
+    return np.where((mean > 0.0) == bool(place), larger, by_determinant)
+
+
+def _roots(diagonal: Sequence[Number], squares: Sequence[Number], place: int, constant: float) -> Number:
+    """`_root` for floats or for rows of arrays."""
+    if isinstance(diagonal[0], float):
+        return _root(diagonal, squares, place, constant)
+    rows = np.broadcast_arrays(*diagonal, *squares)
+    columns = np.array(rows, dtype=np.float64).reshape(len(rows), -1).T.tolist()
+    count = len(diagonal)
+    found = [_root(column[:count], column[count:], place, constant) for column in columns]
+    return np.array(found).reshape(np.shape(rows[0]))
+
+
+def _root(diagonal: Sequence[float], squares: Sequence[float], place: int, constant: float) -> float:
+    """The eigenvalue at a place in ascending order: the root of c + Σ s/(d − x) above the d at that place.
+
+    By the rational interpolation that has the same two poles, value and slope (R.-C. Li, LAPACK Working Note
+    89, 1993), kept between bounds, from 0 where that is between them.
+    """
+    flushed = (0.0 if abs(d) < _CLOSEST else d for d in diagonal)
+    pairs = sorted(zip(flushed, (max(square, 0.0) for square in squares), strict=True))
+    total = sum(square for _, square in pairs)
+    if not math.isfinite(total + sum(d for d, _ in pairs)) or total + constant == 0.0:
+        return math.nan
+    below, last = pairs[place][0], place + 1 == len(pairs)
+    above = below + total if last else pairs[place + 1][0]
+    if above - below <= _CLOSEST:
+        return below
+    # Where nothing couples a neighbour it is no pole, and the root may be there.
+    if _uncoupled(pairs, below) and _value(pairs, below, constant) >= 0.0:
+        return below
+    if not last and _uncoupled(pairs, above) and _value(pairs, above, constant) <= 0.0:
+        return above
+    low, high = below, above
+    x = 0.0 if low < 0.0 < high else 0.5 * (low + high)
+    for _ in range(_MOST_ITERATIONS):
+        if not low < x < high:
+            x = 0.5 * (low + high)
+            if not low < x < high:
+                return x  # no number between the bounds
+        value, slope, size = constant, 0.0, constant
+        for d, square in pairs:
+            part = square / (d - x)
+            value += part
+            size += abs(part)
+            slope += part / (d - x)
+        if value > 0.0:
+            high = x
+        elif value < 0.0:
+            low = x
+        if abs(value) <= _EPS * size:
+            return x
+        left, right = below - x, above - x
+        if last:
+            step = -value / slope
+        else:
+            # The root η of c′η² − uη + w of the interpolation.
+            u, w = (left + right) * value - left * right * slope, left * right * value
+            curve = _rest(pairs, place, x, left, right, constant)
+            root = math.sqrt(max(u * u - 4.0 * w * curve, 0.0))
+            step = 2.0 * w / (u + root) if u > 0.0 else ((u - root) / (2.0 * curve) if curve else 0.0)
+        if not step * value < 0.0:
+            x = math.nan  # next to a pole rounding may take the step the wrong way
+            continue
+        if abs(step) <= _EPS * abs(x):
+            return x + step
+        x += step
+    return 0.5 * (low + high)
+
+
+def _uncoupled(pairs: Sequence[tuple[float, float]], d: float) -> bool:
+    return not any(square for other, square in pairs if other == d)
+
+
+def _value(pairs: Sequence[tuple[float, float]], x: float, constant: float) -> float:
+    """The sum at one of the d, where that is no pole."""
+    return constant + sum(square / (d - x) for d, square in pairs if d != x)
+
+
+def _rest(
+    pairs: Sequence[tuple[float, float]],
+    place: int,
+    x: float,
+    left: float,
+    right: float,
+    constant: float,
+) -> float:
+    """The constant of the interpolation: what the two poles do not account for."""
+    rest = constant
+    for k, (d, square) in enumerate(pairs):
+        part = square / (d - x)
+        rest += part - part / (d - x) * (left if k <= place else right)
+    return rest
+
+
 def _product(values: Sequence[Number]) -> Number:
     out: Number = 1.0
     for value in values:
@@ -171,7 +282,3 @@ def _minors(diagonal: Sequence[Number], squares: Sequence[Number]) -> Number:
             rest = rest * d if j != i else rest
         out = out + rest
     return out
-
-
-COUPLED = Coupled()
-CONSTRAINED = Constrained()

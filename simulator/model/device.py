@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -10,22 +10,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.model.contents import Adiabatic, Contents, Incompressible, Isothermal, Law
-from simulator.model.coupling import CONSTRAINED
-from simulator.model.drive import Quantity, VoltageCurve, VoltageLine, Way
+from simulator.model.contents import Contents, Gas, Incompressible, Law
+from simulator.model.drive import Quantity, VoltageLine, Way
 from simulator.model.elastomers import Elastomer, as_written
 from simulator.model.equations import OpenBalloon, SealedBalloons
-from simulator.model.membranes import (
-    AnyMembrane,
-    ChargedMembrane,
-    ElectrodedMembrane,
-    Membrane,
-    OscillatingMembrane,
-)
+from simulator.model.expansion import Adiabat
+from simulator.model.membranes import AnyMembrane, ElectrodedMembrane, Membrane, curvature
 from simulator.model.strength import ConstantStrength, PowerStrength, Strength
 
 if TYPE_CHECKING:
-    from simulator.scenario import Balloon, Gas, Scenario
+    from simulator.scenario import Balloon, Scenario
+    from simulator.scenario import Gas as GasTable
 
 FloatArray = NDArray[np.float64]
 
@@ -88,34 +83,20 @@ class Device:
     @cached_property
     def walls(self) -> tuple[Membrane, ...]:
         """The balloons' walls without voltages."""
-        return tuple(
-            Membrane(elastomer, float(r / (h * k)), float(k), float(r * r * h * k), float(r**3))
-            for elastomer, r, h, k in zip(
-                self.elastomers, self.radius, self.thickness, self.modulus, strict=True
-            )
-        )
+        sizes = (part.tolist() for part in (self.radius, self.thickness, self.modulus))
+        return tuple(Membrane.of(*each) for each in zip(self.elastomers, *sizes, strict=True))
 
     def membrane(self, balloon: int, way: Way) -> AnyMembrane:
         """One balloon's wall under its share of the voltages or charges; without one, the bare wall."""
         wall = self.walls[balloon]
         if balloon not in self.electroded:
             return wall
-        place = self.electroded.index(balloon)
-        h, k, e = self.thickness[balloon], self.modulus[balloon], self.permittivity[balloon]
-        film = wall, float(2.0 * e / (h * h * k)), float(self.radius[balloon] ** 2 * e / h), float(h)
-        if isinstance(way, VoltageCurve):
-            offset, rate = way.mean[place], 0.0
-            if way.amplitude[place]:
-                return OscillatingMembrane(*film, offset, way.amplitude[place], way.phase[place])
-        else:
-            offset, rate = way.offset[place], way.rate[place]
-        if offset == 0.0 and rate == 0.0:
+        drive = way.drive(self.electroded.index(balloon))
+        if drive is None:
             return wall
-        if way.quantity == "charge":
-            _, _, capacitance, _ = film
-            load = 2.0 / (wall.weight * capacitance)
-            return ChargedMembrane(wall, load, capacitance, float(h), offset, rate)
-        return ElectrodedMembrane(*film, offset, rate)
+        parts = (self.radius, self.thickness, self.modulus, self.permittivity)
+        r, h, k, e = (part[balloon].item() for part in parts)
+        return ElectrodedMembrane.of(wall, r, h, k, e, drive)
 
     def sealed(self, gas: Contents, way: Way) -> SealedBalloons:
         """Valve closed over a gas (or liquid), voltages or charges moving along `way`."""
@@ -184,88 +165,74 @@ class Device:
         is_open: NDArray[np.bool_],
         charged: NDArray[np.bool_] | None = None,
     ) -> FloatArray:
-        """The potential Π of states (n,), with −pV for its gas terms where the valve is open.
+        """The potential Π of n states, over 4πR²Hμ, with −pV for its gas terms where the valve is open.
 
         Where the charges are given (`charged`) it has +½φq in place of −½φq.
+
+        Parameters
+        ----------
+        stretch : (n, n_balloons) array
+        pressure, gas : (n,) arrays
+            Excess pressure, and the amount of gas at sealing.
+        voltage : (n, n_electroded) array
+        is_open, charged : (n,) arrays of bool
         """
         volume = self.volume(stretch)
-        elastic = sum(w.potential(x, 0.0) for w, x in zip(self.walls, stretch.T, strict=True))
-        electric = 0.5 * np.sum(self.charge(stretch, voltage) * voltage, axis=1)
-        if charged is not None:
-            electric = np.where(charged, -electric, electric)
+        walls = self._energies(stretch, voltage, "voltage")
+        if charged is not None and charged.any():
+            walls = np.where(charged, self._energies(stretch, self.charge(stretch, voltage), "charge"), walls)
         sealed = self.law.energy(gas, pressure, volume)
-        return np.asarray(elastic - electric + np.where(is_open, -pressure * volume, sealed))
+        return np.asarray(walls + np.where(is_open, -pressure * volume, sealed))
 
     def stability(
         self,
         stretch: FloatArray,
         pressure: FloatArray,
         voltage: FloatArray,
-        gas: FloatArray,
         is_open: NDArray[np.bool_],
         charged: NDArray[np.bool_] | None = None,
     ) -> FloatArray:
-        """Smallest eigenvalue of the Hessian of Π in the stretches, (n,).
+        """Smallest eigenvalue of the Hessian of Π in the stretches, (n,), over 4πR²Hμ; see `energy`.
 
-        At given voltages, or where `charged` at given charges.
-
-        With a liquid, of what changes no volume; NaN where nothing can move (one balloon).
+        At given voltages, or where `charged` at given charges. With a liquid, of what changes no volume;
+        NaN where nothing can move (one balloon).
         """
         diagonal = self._curvatures(stretch, pressure, voltage, "voltage")
         if charged is not None and charged.any():
-            charge = self.charge(stretch, voltage)
-            at_charge = self._curvatures(stretch, pressure, charge, "charge")
+            at_charge = self._curvatures(stretch, pressure, self.charge(stretch, voltage), "charge")
             diagonal = np.where(charged[:, None], at_charge, diagonal)
+        swelling = self.swelling(stretch)
+        # Each state as if it were sealed there: its contents have the stiffness that they have in any case.
+        contents = self.law.sealed(pressure, swelling)
         arms = self.radius**3 * stretch**2
-        stiffness = self.law.stiffness(gas, pressure, self.volume(stretch))
-        if self.law.spectrum is CONSTRAINED:
-            return np.where(is_open, diagonal.min(axis=1), _across(diagonal, arms))
-        return smallest_eigenvalue(diagonal, np.where(is_open, 0.0, stiffness), arms)
+        squares = np.asarray(contents.stiffness(3.0 * swelling))[..., None] * arms**2
+        together = contents.spectrum.eigenvalue(list(diagonal.T), list(squares.T), 0)
+        if contents.spectrum.count(len(self.names)) == 0:
+            together = np.full(len(stretch), np.nan)
+        return np.asarray(np.where(is_open, diagonal.min(axis=1), together))
+
+    def _membranes(
+        self, drive: FloatArray, quantity: Quantity
+    ) -> Iterator[tuple[AnyMembrane, FloatArray | float]]:
+        """Every balloon's membrane, and what drives it in n states: voltages or charges (n, n_electroded)."""
+        line = VoltageLine.common(len(self.electroded), quantity)
+        for i in range(len(self.names)):
+            driven = i in self.electroded
+            yield self.membrane(i, line), drive[:, self.electroded.index(i)] if driven else 0.0
+
+    def _energies(self, stretch: FloatArray, drive: FloatArray, quantity: Quantity) -> FloatArray:
+        """Energies of the walls and films, (n,)."""
+        membranes = self._membranes(drive, quantity)
+        return np.asarray(sum(m.potential(x, v) for (m, v), x in zip(membranes, stretch.T, strict=True)))
 
     def _curvatures(
         self, stretch: FloatArray, pressure: FloatArray, drive: FloatArray, quantity: Quantity
     ) -> FloatArray:
         """r²h ∂g/∂λ of each balloon, (n, n_balloons), at given pressures and voltages or charges."""
-        diagonal = np.empty_like(stretch)
-        line = VoltageLine.common(len(self.electroded), quantity)
-        for i, (wall, x) in enumerate(zip(self.walls, stretch.T, strict=True)):
-            membrane = self.membrane(i, line)
-            v = drive[:, self.electroded.index(i)] if i in self.electroded else 0.0
-            force, slope, _, _ = membrane.linearised(x, pressure, v)
-            _, denominator = wall.elastomer.pole_form(x)
-            _, denominator_slope = wall.elastomer.pole_form_slope(x)
-            # ∂g/∂λ from R = Dg, also right where g is not zero (states in which a snap lost its tension).
-            diagonal[:, i] = wall.weight * (slope - force / denominator * denominator_slope) / denominator
-        return diagonal
-
-
-def _across(diagonal: FloatArray, arms: FloatArray) -> FloatArray:
-    """Smallest eigenvalues of diag(d) across a, for n pairs of d and a, (n, k)."""
-    if diagonal.shape[1] == 1:
-        return np.full(len(diagonal), np.nan)
-    return np.asarray(CONSTRAINED.eigenvalue(list(diagonal.T), list((arms**2).T), 0))
-
-
-def smallest_eigenvalue(diagonal: FloatArray, coupling: FloatArray, arms: FloatArray) -> FloatArray:
-    """Smallest eigenvalues of diag(d) + c a aᵀ for n matrices: d and a of shape (n, k), c of shape (n,)."""
-    count = diagonal.shape[1]
-    if count == 1:
-        return np.asarray(diagonal[:, 0] + coupling * arms[:, 0] ** 2)
-    if count == 2:
-        # det/λ_max: the plain formula ½(tr − √…) cancels where one balloon is near its stretch limit.
-        x, y = (diagonal + coupling[:, None] * arms**2).T
-        cross = coupling * arms[:, 0] * arms[:, 1]
-        root = np.hypot(0.5 * (x - y), cross)
-        mean = 0.5 * (x + y)
-        determinant = diagonal[:, 0] * diagonal[:, 1] + coupling * (
-            diagonal[:, 0] * arms[:, 1] ** 2 + diagonal[:, 1] * arms[:, 0] ** 2
+        membranes = self._membranes(drive, quantity)
+        return np.stack(
+            [curvature(m, x, pressure, v) for (m, v), x in zip(membranes, stretch.T, strict=True)], axis=1
         )
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.where(mean > 0.0, determinant / (mean + root), mean - root))
-    matrices = coupling[:, None, None] * arms[:, :, None] * arms[:, None, :]
-    index = np.arange(count)
-    matrices[:, index, index] += diagonal
-    return np.asarray(np.linalg.eigvalsh(matrices)[:, 0])
 
 
 def _strength(balloon: Balloon) -> Strength | None:
@@ -279,12 +246,12 @@ def _strength(balloon: Balloon) -> Strength | None:
     return ConstantStrength(chosen.field)
 
 
-def _law(gas: Gas) -> Law:
+def _law(gas: GasTable) -> Law:
     match gas.law:
         case "isothermal":
-            return Isothermal(gas.ambient_pressure, gas.chamber)
+            return Gas(gas.ambient_pressure, gas.chamber)
         case "adiabatic":
-            return Adiabatic(gas.ambient_pressure, gas.chamber, gas.exponent)
+            return Gas(gas.ambient_pressure, gas.chamber, Adiabat(gas.exponent))
         case "liquid":
             return Incompressible(gas.ambient_pressure, gas.chamber)
 

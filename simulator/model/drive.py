@@ -22,11 +22,86 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 FloatArray = NDArray[np.float64]
+# A float, a complex number or an array of either.
+Number = Any
 # What the source of the electrodes gives; the other follows.
 Quantity = Literal["voltage", "charge"]
 
 _ROUNDING = 4e-16  # of a voltage: two units in its last place
+_SOON = 1e-4  # of a way: where it is seen whether an oscillating voltage rises
 _ONE_CORNER = 1e-12  # corners of two triangles closer than this part of a period are one
+
+
+@dataclass(frozen=True)
+class AffineDrive:
+    """What drives one film: a voltage or charge that is offset + rate·v."""
+
+    offset: float
+    rate: float
+    quantity: Quantity = "voltage"
+    longest_step: ClassVar[float] = math.inf
+
+    def at(self, v: Number) -> Number:
+        """The voltage or charge at v."""
+        return self.offset + self.rate * v
+
+    def slope(self, v: Number) -> Number:
+        """Its derivative in v."""
+        return self.rate
+
+    def scale(self, size: float) -> float:
+        """The change of v that changes the voltage or charge by `size`; inf where it stays."""
+        return size / abs(self.rate) if self.rate else math.inf
+
+    def grows(self, v: float, target: float) -> bool:
+        """Whether its magnitude grows as v sets out towards `target`."""
+        return _grows(self.at(v), self.rate * (target - v))
+
+    @property
+    def wave(self) -> str:
+        """The formula of a voltage that oscillates; none here."""
+        return ""
+
+
+@dataclass(frozen=True)
+class SineDrive:
+    """What drives one film: a voltage mean + amplitude·sin 2π(v + phase); v is the time in periods."""
+
+    mean: float
+    amplitude: float
+    phase: float
+    quantity: ClassVar[Quantity] = "voltage"
+    # An eighth of a period: work integrals over it are good to 1e-10.
+    longest_step: ClassVar[float] = 0.125
+
+    def at(self, v: Number) -> Number:
+        """The voltage at v."""
+        return self.mean + self.amplitude * sine_of_turns(v + self.phase)
+
+    def slope(self, v: Number) -> Number:
+        """Its derivative in v."""
+        return 2.0 * np.pi * self.amplitude * sine_of_turns(v + (self.phase + 0.25))
+
+    def scale(self, size: float) -> float:
+        """The change of v that changes the voltage by `size` at most, at most a period."""
+        return min(size / (2.0 * np.pi * abs(self.amplitude)), 1.0)
+
+    def grows(self, v: float, target: float) -> bool:
+        """Whether its magnitude grows as v sets out towards `target`."""
+        now = self.at(v)
+        return _grows(now, self.at(v + _SOON * (target - v)) - now)
+
+    @property
+    def wave(self) -> str:
+        """Its formula."""
+        return f"φ = {self.mean:g} + {self.amplitude:g} sin 2π(θ + {self.phase:g})"
+
+
+Drive = AffineDrive | SineDrive
+
+
+def _grows(now: float, change: float) -> bool:
+    return now * change > 0.0 or (now == 0.0 and change != 0.0)
 
 
 @dataclass(frozen=True)
@@ -76,6 +151,11 @@ class VoltageLine:
         """Which voltages, or charges, change along it."""
         return tuple(bool(rate) for rate in self.rate)
 
+    def drive(self, place: int) -> Drive | None:
+        """What drives the film at one place among the electroded; None where it is always 0."""
+        offset, rate = self.offset[place], self.rate[place]
+        return AffineDrive(offset, rate, self.quantity) if offset or rate else None
+
     def coordinate(self, voltages: Sequence[float]) -> float:
         """The v at which the line passes through `voltages`; 0 on a line that goes nowhere."""
         return float(voltages[self.rate.index(1.0)]) if any(self.rate) else 0.0
@@ -110,6 +190,13 @@ class VoltageCurve:
     def moves(self) -> tuple[bool, ...]:
         """Which voltages change along it."""
         return tuple(bool(amplitude) for amplitude in self.amplitude)
+
+    def drive(self, place: int) -> Drive | None:
+        """What drives the film at one place among the electroded; None where it is always 0."""
+        mean, amplitude = self.mean[place], self.amplitude[place]
+        if amplitude:
+            return SineDrive(mean, amplitude, self.phase[place])
+        return AffineDrive(mean, 0.0) if mean else None
 
     def at(self, v: FloatArray | float) -> FloatArray:
         """Voltages at v: shape (n_electroded,) for a float, (n, n_electroded) for n values."""

@@ -6,17 +6,12 @@ a charge or, while inflating, the pressure). There are one fewer equations than 
 curve, the equilibrium path.
 
 Two sets of equations exist. `SealedBalloons`: valve closed, all balloons on one fixed amount of gas, or
-liquid, see `gas`. `OpenBalloon`: valve open, the pressure is given, balloons do not feel each other and each
-has its own.
-Both are composed of membranes; a membrane without a voltage has no electrical term at all, one on which the
-charge is given another (`charged`).
+liquid, see `contents`. `OpenBalloon`: valve open, the pressure is given, balloons do not feel each other and
+each has its own. Both are composed of membranes (`membranes`), which say how a force balance is written; a
+membrane without a voltage has no electrical term at all.
 
-Every force balance is divided by kᵢ and multiplied through by the denominator D of the elastomer's force,
-
-    Rᵢ = N(λᵢ) − D(λᵢ) [aᵢ p λᵢ² + bᵢ φᵢ² λᵢ³] = D gᵢ/kᵢ,    a = r/(hk),  b = 2e/(h²k),
-
-which stays smooth at the limiting stretch, where gᵢ itself has a pole. Methods take y as a sequence of
-floats, complex numbers, or rows of arrays, and compute with whatever they are given.
+Methods take y as a sequence of floats, complex numbers, or rows of arrays, and compute with whatever they
+are given.
 """
 
 from __future__ import annotations
@@ -32,14 +27,7 @@ from numpy.typing import NDArray
 from simulator.model.contents import Contents
 from simulator.model.coupling import COUPLED, Spectrum
 from simulator.model.elastomers import Number
-from simulator.model.membranes import (
-    AnyMembrane,
-    ChargedMembrane,
-    ElectrodedMembrane,
-    Membrane,
-    OscillatingMembrane,
-    wall_of,
-)
+from simulator.model.membranes import AnyMembrane, Membrane
 
 FloatArray = NDArray[np.float64]
 Rows = list[list[Number]]
@@ -50,12 +38,15 @@ State = Sequence[Number] | NDArray[Any]
 class Equations(Protocol):
     """What following, polishing and relaxing need to know of a set of equations.
 
-    `scales` are the natural sizes of the unknowns, shape (n_unknowns,); `walls` the balloons in it;
+    `scales` are the natural sizes of the unknowns, shape (n_unknowns,); `membranes` the balloons in it, as
+    they are driven, and `walls` without that;
     `longest_step` the largest part of v that one step may pass over, inf where the drive is straight.
     """
 
     @property
     def scales(self) -> FloatArray: ...
+    @property
+    def membranes(self) -> tuple[AnyMembrane, ...]: ...
     @property
     def walls(self) -> tuple[Membrane, ...]: ...
     @property
@@ -142,7 +133,7 @@ class SealedBalloons:
 
     @cached_property
     def walls(self) -> tuple[Membrane, ...]:
-        return tuple(wall_of(m) for m in self.membranes)
+        return tuple(m.wall for m in self.membranes)
 
     # What IDA asks for at every step, looked up once.
     @cached_property
@@ -167,7 +158,7 @@ class SealedBalloons:
     @cached_property
     def scales(self) -> FloatArray:
         softest = min(1.0 / wall.pressure_load for wall in self.walls)
-        return np.array([1.0] * len(self.membranes) + [softest, _voltage_scale(self.membranes)])
+        return np.array([1.0] * len(self.membranes) + [softest, _drive_scale(self.membranes)])
 
     def residual(self, y: State) -> list[Number]:
         *stretches, pressure, v = y
@@ -272,8 +263,12 @@ class OpenBalloon:
     spectrum = COUPLED
 
     @cached_property
+    def membranes(self) -> tuple[AnyMembrane, ...]:
+        return (self.membrane,)
+
+    @cached_property
     def walls(self) -> tuple[Membrane, ...]:
-        return (wall_of(self.membrane),)
+        return (self.membrane.wall,)
 
     @cached_property
     def longest_step(self) -> float:
@@ -283,7 +278,7 @@ class OpenBalloon:
     def scales(self) -> FloatArray:
         if self.pressure_rate:
             return np.array([1.0, 1.0 / self.walls[0].pressure_load])
-        return np.array([1.0, _voltage_scale((self.membrane,))])
+        return np.array([1.0, _drive_scale((self.membrane,))])
 
     def residual(self, y: State) -> list[Number]:
         x, v = y
@@ -332,21 +327,11 @@ class OpenBalloon:
         return self.pressure(y) * self.walls[0].cube * y[0] ** 3 / 3.0
 
 
-def _voltage_scale(membranes: Sequence[AnyMembrane]) -> float:
-    """The smallest v that matters to a membrane: √(2/b), one over its rate; of a wave at most a period."""
-    return min(
-        (
-            min(float(np.sqrt(2.0 / m.electric_load)) / (2.0 * np.pi * abs(m.amplitude)), 1.0)
-            if isinstance(m, OscillatingMembrane)
-            else float(np.sqrt(2.0 / m.electric_load)) / abs(m.rate)
-            for m in membranes
-            if isinstance(m, OscillatingMembrane)
-            or (isinstance(m, ElectrodedMembrane | ChargedMembrane) and m.rate)
-        ),
-        default=1.0,
-    )
+def _drive_scale(membranes: Sequence[AnyMembrane]) -> float:
+    """The smallest v that matters to a membrane; 1 where no voltage or charge moves."""
+    smallest = min(m.drive_scale for m in membranes)
+    return smallest if np.isfinite(smallest) else 1.0
 
 
 def _longest_step(membranes: Sequence[AnyMembrane]) -> float:
-    """An eighth of a period of a voltage that oscillates: work integrals over it are good to 1e-10."""
-    return 0.125 if any(isinstance(m, OscillatingMembrane) for m in membranes) else np.inf
+    return min(np.inf if m.drive is None else m.drive.longest_step for m in membranes)

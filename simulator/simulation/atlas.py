@@ -15,9 +15,7 @@ from numpy.typing import NDArray
 
 from simulator.events import EventKind
 from simulator.model.drive import Waveform
-from simulator.model.equations import SealedBalloons
 from simulator.model.groups import AnyEquations, Group
-from simulator.model.membranes import ChargedMembrane, ElectrodedMembrane, OscillatingMembrane
 from simulator.solver import flow
 from simulator.solver.branch import Branch, BranchEnd, beside
 from simulator.solver.follow import Effort, PathError
@@ -26,7 +24,6 @@ from simulator.solver.newton import escape_direction, is_fold, parting_direction
 FloatArray = NDArray[np.float64]
 
 _ROUNDING = 1e-9  # of what the potential loses: no difference between two ways
-_SOON = 1e-4  # of a period: where it is seen whether a voltage rises
 
 
 @dataclass(frozen=True)
@@ -236,20 +233,10 @@ def _lost(equations: AnyEquations, before: FloatArray, rest: flow.Rest) -> float
 
 def loses_tension(equations: AnyEquations, state: FloatArray, target: float) -> bool:
     """Whether tension is lost at once: no pressure, valve closed, a drive rising towards `target`."""
-    if not isinstance(equations, SealedBalloons) or state[-2] > 0.0:
+    if not equations.has_pressure or state[-2] > 0.0:
         return False
     v = float(state[-1])
-    for membrane in equations.membranes:
-        if isinstance(membrane, ElectrodedMembrane | ChargedMembrane):
-            now, change = membrane.offset + membrane.rate * v, membrane.rate * (target - v)
-        elif isinstance(membrane, OscillatingMembrane):
-            now = membrane.voltage(v)
-            change = membrane.voltage(v + _SOON * (target - v)) - now
-        else:
-            continue
-        if now * change > 0.0 or (now == 0.0 and change != 0.0):
-            return True
-    return False
+    return any(m.drive is not None and m.drive.grows(v, target) for m in equations.membranes)
 
 
 def is_slack(equations: AnyEquations, state: FloatArray) -> bool:

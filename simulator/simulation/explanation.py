@@ -12,10 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from simulator import units
-from simulator.model.contents import Adiabatic, Isothermal
 from simulator.model.device import Device
-from simulator.model.equations import SealedBalloons
-from simulator.model.membranes import ChargedMembrane, Membrane, OscillatingMembrane
 from simulator.model.strength import PowerStrength
 from simulator.scenario import Charge, Hold, Inflate, Jump, duration, until_of
 from simulator.simulation import motion
@@ -23,7 +20,6 @@ from simulator.simulation import motion
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from simulator.model.contents import Law
     from simulator.model.drive import Leg, Way
     from simulator.model.groups import Group
     from simulator.scenario import ConstantBreakdown, PlayedStep, PowerBreakdown, Scenario
@@ -209,20 +205,17 @@ def _unknowns(group: Group, device: Device) -> list[str]:
 
 def _equations(group: Group, device: Device, scenario: Scenario) -> Iterator[str]:
     equations = group.equations
-    sealed = isinstance(equations, SealedBalloons)
-    membranes = equations.membranes if isinstance(equations, SealedBalloons) else (equations.membrane,)
-    for place, membrane in zip(group.members, membranes, strict=True):
-        name = device.names[place]
-        wall = membrane if isinstance(membrane, Membrane) else membrane.wall
-        terms = f"{_factor(wall.modulus)}f(λ) − {_factor(device.radius[place] / device.thickness[place])}p λ²"
-        if isinstance(membrane, ChargedMembrane):
-            terms += f" − {membrane.electric_load * wall.modulus:g} q² λ⁻⁵"
-        elif not isinstance(membrane, Membrane):
-            e, h = device.permittivity[place], device.thickness[place]
+    for place, membrane in zip(group.members, equations.membranes, strict=True):
+        name, drive = device.names[place], membrane.drive
+        r, h, k, e = (
+            part[place] for part in (device.radius, device.thickness, device.modulus, device.permittivity)
+        )
+        terms = f"{_factor(k)}f(λ) − {_factor(r / h)}p λ²"
+        if drive is not None and drive.quantity == "charge":
+            terms += f" − {2.0 / (r**4 * e):g} q² λ⁻⁵"
+        elif drive is not None:
             terms += f" − {2.0 * e / h**2:g} φ² λ³"
-        wave = ""
-        if isinstance(membrane, OscillatingMembrane):
-            wave = f", φ = {membrane.mean:g} + {membrane.amplitude:g} sin 2π(θ + {membrane.phase:g})"
+        wave = f", {drive.wave}" if drive is not None and drive.wave else ""
         if scenario.dynamics is None:
             yield f"force balance of {name}: {terms} = 0{wave}"
             continue
@@ -232,19 +225,8 @@ def _equations(group: Group, device: Device, scenario: Scenario) -> Iterator[str
         yield f"flow of {name}: {scenario.dynamics.relaxation_of(name):g} dλ/dt = −[{terms}]{wave}"
         if maxwell is not None:
             yield f"Maxwell branch of {name}: dξ/dt = λ f_v(λ/ξ) / {12.0 * maxwell.time:g}"
-    if sealed:
-        yield _contents(device.law)
-
-
-def _contents(law: Law) -> str:
-    chamber = f"{law.chamber:g} + " if law.chamber else ""
-    match law:
-        case Isothermal():
-            volume = f"({chamber}Σ r³λ³/3)" if chamber else "Σ r³λ³/3"
-            return f"gas: (p + {law.ambient:g}) {volume} = n"
-        case Adiabatic():
-            return f"gas: (p + {law.ambient:g}) ({chamber}Σ r³λ³/3)^{law.exponent:g} = constant"
-    return "liquid: Σ r³λ³/3 = constant"
+    if equations.has_pressure:
+        yield device.law.formula()
 
 
 def _factor(value: float) -> str:

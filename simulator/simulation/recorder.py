@@ -150,7 +150,7 @@ class Recorder:
             field=true_field,
             charge=charge,
             energy=device.energy(stretch, pressure, voltage, gas, is_open, charged),
-            stability=device.stability(stretch, pressure, voltage, gas, is_open, charged),
+            stability=device.stability(stretch, pressure, voltage, is_open, charged),
             events=tuple(self.events),
             outcome=outcome,
             energy_balance=books.balance(voltage, charge, pressure, volume, is_open),

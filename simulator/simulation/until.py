@@ -20,9 +20,8 @@ from simulator.model.conditions import Condition, gradient
 from simulator.model.device import Device
 from simulator.model.drive import Waveform
 from simulator.model.elastomers import Number
-from simulator.model.equations import SealedBalloons, State
+from simulator.model.equations import State
 from simulator.model.groups import Group
-from simulator.model.membranes import Membrane
 from simulator.simulation.atlas import Exit, Response
 from simulator.simulation.present import Present
 from simulator.solver import newton
@@ -71,9 +70,8 @@ class WatchedValue:
         place = group.members.index(self.balloon)
         if self.kind == "stretch":
             return lambda y: y[place] / value - 1.0
-        membranes = equations.membranes if isinstance(equations, SealedBalloons) else (equations.membrane,)
-        membrane = membranes[place]
-        if isinstance(membrane, Membrane):
+        membrane = equations.membranes[place]
+        if membrane.drive is None:
             return None
         return lambda y: (membrane.field(y[place], y[-1]) / value) ** 2 - 1.0
 
