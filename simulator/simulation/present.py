@@ -14,6 +14,7 @@ from simulator.model.device import Device
 from simulator.model.drive import Quantity, Way
 from simulator.model.groups import Group
 from simulator.simulation.motion import Electrodes
+from simulator.solver.certify import ULPS
 
 FloatArray = NDArray[np.float64]
 
@@ -115,6 +116,11 @@ class Present:
     def unknowns(self, group: Group, v: float) -> FloatArray:
         """The present state as a group's unknowns y, at drive coordinate v."""
         return unknowns_of(group, self.stretch, self.pressure, v)
+
+    def is_at(self, voltage: FloatArray) -> bool:
+        """Whether the voltages are these, but for the last digits of several that move along one way."""
+        largest = max(float(np.abs(voltage).max()), float(np.abs(self.voltage).max()))
+        return bool(np.abs(voltage - self.voltage).max() <= ULPS * largest)
 
     def take(self, state: Snapshot) -> None:
         """Be in another state."""
