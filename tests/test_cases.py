@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 from simulator import EventKind, History, Outcome, SolverError, load_scenario, simulate
+from simulator.analysis.sensitivity import sensitivities
+from simulator.scenario.keys import changed_scenario, number_at
 
 CASES = Path(__file__).parent / "cases"
 
@@ -140,3 +142,26 @@ def test_whatever_the_integrator_raises_is_a_solver_error_with_the_history(monke
     with pytest.raises(SolverError, match=r"step 1, time 0: .*-60") as caught:
         played("dynamics-steep-edge")
     assert caught.value.history.outcome is Outcome.FAILED
+
+
+# -- sensitivities -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "key", ["step.1.inflate", "balloon.b1.radius", "balloon.b0.thickness", "gas.ambient_pressure"]
+)
+def test_the_pressure_held_is_the_one_at_which_the_valve_was_opened(key):
+    scenario = load_scenario(CASES / "sensitivities-open-valve.toml")
+    history = simulate(scenario)
+    (turn,) = (event for event in history.events if event.kind is EventKind.LIMIT_POINT)
+    at = number_at(scenario, key)
+    h = 1e-3 * at
+
+    def voltage(i):
+        events = simulate(changed_scenario(scenario, key, at + i * h)).events
+        return next(event.voltage[0] for event in events if event.kind is EventKind.LIMIT_POINT)
+
+    slope = (8.0 * (voltage(1) - voltage(-1)) - (voltage(2) - voltage(-2))) / (12.0 * h)
+    found = sensitivities(history, turn, [key])[0]
+    assert found.of == "voltage_b0"
+    assert found.derivative == pytest.approx(slope, rel=2e-6, abs=1e-10)
