@@ -76,6 +76,16 @@ def test_voltages_switched_off_are_off():
     assert np.all(history.voltage[history.step == 3] == 0.0)
 
 
+def test_voltages_switched_off_one_after_the_other_are_off():
+    scenario = load_scenario(CASES / "jump-spurious.toml").to_dict()
+    wave = {"low": 0.0, "high": 0.1, "period": 1.0, "cycles": 1}
+    off = [{"jump": {"a": 0.2, "b": 0.0}}, {"jump": {"a": 0.0}}, {"triangle": wave}]
+    steps = [{"inflate": 0.2}, {"ramp": {"a": 0.3, "b": 0.1}}, *off]
+    history = simulate(load_scenario(scenario | {"step": steps}))
+    assert [event.step for event in history.events] == [3, 4]
+    assert np.all(history.voltage[history.step == 4][-1] == 0.0)
+
+
 # -- real time -----------------------------------------------------------------------------------------------
 
 
