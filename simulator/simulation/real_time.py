@@ -126,7 +126,7 @@ class RealTime:
         Below by more than rounding: a pressure of zero may be one of −1e-16.
         """
         for group in groups:
-            state = group.equations.admitted(self.record.present.unknowns(group, v).tolist())
+            state = self.record.present.unknowns(group, v).tolist()
             for condition in group.conditions[1:]:
                 if condition.margin(state) < -_BEYOND:
                     return EventKind(condition.kind)
