@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from simulator.analysis.trace import sealed_state, trace, trace_inflation
+from simulator.analysis.start import sealed_state
+from simulator.analysis.trace import trace, trace_inflation
 from simulator.model.contents import Law
 from simulator.model.device import Device
 from simulator.model.drive import AffineDrive

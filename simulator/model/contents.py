@@ -39,6 +39,16 @@ class Contents(Protocol):
         """How it couples the balloons' stabilities."""
         ...
 
+    @property
+    def is_open(self) -> bool:
+        """Whether more can come in and go out."""
+        ...
+
+    @property
+    def slackens(self) -> bool:
+        """Whether the excess pressure can fall to 0: that of a gas in a vacuum cannot."""
+        ...
+
     def defect(self, pressure: Number, cubes: Number) -> Number:
         """The equation between pressure and volume, zero where it holds."""
         ...
@@ -104,6 +114,12 @@ class IdealGas:
     ambient: Number
 
     spectrum = COUPLED
+    is_open = False
+
+    @property
+    def slackens(self) -> bool:
+        return bool(self.ambient > 0.0 or self.amount <= _TINY)
+
     flow_law = _gas_flow_law
     admitted = _any_volume
 
@@ -148,6 +164,12 @@ class SealedGas:
     expansion: Expansion
 
     spectrum = COUPLED
+    is_open = False
+
+    @property
+    def slackens(self) -> bool:
+        return bool(self.ambient > 0.0 or self.pressure <= 0.0)
+
     flow_law = _gas_flow_law
     admitted = _any_volume
 
@@ -184,12 +206,48 @@ class SealedGas:
 
 
 @dataclass(frozen=True)
+class Supply:
+    """Gas or liquid from a supply at one excess pressure: the valve is open."""
+
+    pressure: Number
+
+    spectrum = COUPLED
+    is_open = True
+    slackens = False
+    flow_law = _gas_flow_law
+    admitted = _any_volume
+
+    def defect(self, pressure: Number, cubes: Number) -> Number:
+        return pressure - self.pressure + 0.0 * cubes
+
+    def linearised(self, pressure: Number, cubes: Number) -> tuple[Number, Number, Number]:
+        return pressure - self.pressure, 1.0, 0.0
+
+    def stiffness(self, cubes: Number) -> Number:
+        return 0.0 * cubes
+
+    def energy(self, swelling: Number) -> Number:
+        return -self.pressure * swelling
+
+    def flow_pressure(
+        self,
+        membranes: Sequence[AnyMembrane],
+        walls: Sequence[Membrane],
+        stretches: Sequence[Number],
+        v: Number,
+    ) -> Number:
+        return self.pressure
+
+
+@dataclass(frozen=True)
 class Liquid:
     """V = V₀ of the balloons, whatever the pressure. A rigid chamber full of it makes no difference."""
 
     volume: Number
 
     spectrum = CONSTRAINED
+    is_open = False
+    slackens = True
 
     def defect(self, pressure: Number, cubes: Number) -> Number:
         return cubes / (3.0 * self.volume) - 1.0
