@@ -13,14 +13,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from simulator.events import EventKind, Outcome
     from simulator.results.curve import Curve, FoldCurve
     from simulator.results.files import OutputError
     from simulator.results.history import (
         EnergyBalance,
         Event,
-        EventKind,
         History,
-        Outcome,
         SolverStatistics,
         Stop,
         Verdict,
@@ -57,10 +56,10 @@ _HOME = {
     "Curve": "results.curve",
     "EnergyBalance": "results.history",
     "Event": "results.history",
-    "EventKind": "results.history",
+    "EventKind": "events",
     "FoldCurve": "results.curve",
     "History": "results.history",
-    "Outcome": "results.history",
+    "Outcome": "events",
     "OutputError": "results.files",
     "PathError": "solver.follow",
     "Scenario": "scenario",

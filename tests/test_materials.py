@@ -39,6 +39,9 @@ MODELS = [
     {"model": "ogden", "mu": [6.3e5, 1.2e3, -1.0e4], "alpha": [1.3, 5.0, -2.0]},
     {"model": "ogden", "mu": [-1.0, 0.2], "alpha": [-1.5, 3.0]},
     {"model": "arruda-boyce", "lambda_L": 3.0},
+    {"model": "yeoh", "C1": 0.5, "C2": -0.01, "C3": 2.5e-4},
+    {"model": "gent-gent", "C1": 2e5, "C2": 6e4, "J_lim": 50},
+    {"model": "fung", "b": 0.03},
     *({"preset": name} for name in PRESETS),
 ]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from simulator.analysis.trace import sealed_state, trace
-from simulator.simulation.run import SolverError, _Run, simulate
+from simulator.simulation.run import Run, SolverError, simulate
 from simulator.solver import certify, follow, newton
 from simulator.solver.branch import Branch
 from simulator.solver.follow import Effort
@@ -54,10 +54,10 @@ def test_a_branch_knows_what_it_has_seen():
 
 def test_work_of_parts_adds_up():
     scenario = pair(1.2, {"ramp": 0.3}, ambient=0.015)
-    played = _Run(scenario)
+    played = Run(scenario)
     for number, step in enumerate(scenario.played_steps(), start=1):
         played.play(number, step)
-    (branch,) = next(known for eq, known in played.atlas.branches.items() if eq.has_pressure)
+    (branch,) = next(known for eq, known in played.kinetics.atlas.branches.items() if eq.has_pressure)
     assert isinstance(branch, Branch)
     whole = branch.work_between(0.0, 0.3)
     for middle in (0.1234, 0.2999, float(branch.states[-1, 5])):
@@ -73,10 +73,10 @@ def test_work_of_parts_adds_up():
 def test_a_segment_that_is_no_path_is_refused():
     """Points thrown about are not polished into something plausible."""
     scenario = pair(1.2, {"ramp": 0.3}, ambient=0.015)
-    played = _Run(scenario)
+    played = Run(scenario)
     for number, step in enumerate(scenario.played_steps(), start=1):
         played.play(number, step)
-    (branch,) = next(known for eq, known in played.atlas.branches.items() if eq.has_pressure)
+    (branch,) = next(known for eq, known in played.kinetics.atlas.branches.items() if eq.has_pressure)
     points, directions = branch.states.copy(), branch.tangents.copy()
     points[:, 5] = points[:, 9]  # back and forth
     with pytest.raises(newton.NotConverged):

@@ -76,7 +76,7 @@ TOP = "title, source, scales, gas, balloon, step, dynamics, output, solver"
 IN_GAS = "ambient_pressure, chamber, law, exponent"
 VALUE = "a number > 0, or a table of one or more numbers > 0 by balloon name"
 ENDS = "a table with one or more of event, stretch, pressure, field"
-MODELS = '"gent", "neo-hookean", "mooney-rivlin", "ogden", "arruda-boyce" or "tabulated"'
+MODELS = '"gent", "neo-hookean", "mooney-rivlin", "ogden", "arruda-boyce", "yeoh", "gent-gent", "fung" or "tabulated"'
 MATERIALS = '"VHB-4910", "Sylgard-186" or "natural-rubber"'
 AN_ELASTOMER = 'must be a table such as { model = "gent", J_lim = 100 } or { preset = "VHB-4910" }'
 EXPONENTS = "a list of one or more numbers other than 0"
@@ -220,7 +220,7 @@ REFUSED = [
     ("electrodes = true", "electrodes = 1", [("balloon.active.electrodes", 1, "must be true or false")]),
     ("over = 10", 'valve = "ajar"', [("step.2.valve", "ajar", 'must be "closed" or "open"')]),
     # elastomers
-    ('"gent"', '"yeoh"', [("balloon.active.elastomer.model", "yeoh", f"must be {MODELS}")]),
+    ('"gent"', '"marlow"', [("balloon.active.elastomer.model", "marlow", f"must be {MODELS}")]),
     ('"gent"', '["gent"]', [("balloon.active.elastomer.model", ["gent"], f"must be {MODELS}")]),
     (GENT, "J_lim = 100", [("balloon.active.elastomer", {"J_lim": 100}, AN_ELASTOMER)]),
     (GENT, 'preset = "VHB"', [("balloon.active.elastomer.preset", "VHB", f"must be {MATERIALS}")]),
@@ -297,6 +297,21 @@ REFUSED = [
         GENT,
         'model = "arruda-boyce", lambda_L = 1',
         [("balloon.active.elastomer.lambda_L", 1, "must be a number > 1")],
+    ),
+    (
+        GENT,
+        'model = "yeoh", C1 = 0, C2 = 1',
+        [("balloon.active.elastomer.C1", 0, "must be a number > 0")],
+    ),
+    (
+        GENT,
+        'model = "gent-gent", C1 = 1, C2 = -1, J_lim = 50',
+        [("balloon.active.elastomer.C2", -1, "must be a number >= 0")],
+    ),
+    (
+        GENT,
+        'model = "fung", b = 0',
+        [("balloon.active.elastomer.b", 0, "must be a number > 0")],
     ),
     (
         GENT,

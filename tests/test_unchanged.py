@@ -25,6 +25,8 @@ VOLATILE = {"seconds", "versions", "created", "simulator", "version"}
 def stripped(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: stripped(item) for key, item in value.items() if key not in VOLATILE}
+    if isinstance(value, str):
+        return value.replace(str(Path.cwd()), "")  # tables are told by their absolute path
     return [stripped(item) for item in value] if isinstance(value, list) else value
 
 
@@ -41,9 +43,7 @@ def digests(scenario: Path) -> dict[str, str]:
             for file in sorted(directory.glob("*")) if directory.exists() else ():
                 content = file.read_bytes()
                 if file.suffix == ".json":
-                    # Tables are named by their absolute path.
-                    text = json.dumps(stripped(json.loads(content)), sort_keys=True)
-                    content = text.replace(str(Path.cwd()), "").encode()
+                    content = json.dumps(stripped(json.loads(content)), sort_keys=True).encode()
                 found[file.name] = hashlib.sha256(content).hexdigest()[:16]
     return found
 

@@ -214,7 +214,7 @@ def _kind(equations: AnyEquations, segment: Segment, to_drive: float | None) -> 
     if segment.end == "limit_point":
         return "limit_point" if newton.is_fold(equations, state) else "branch_point"
     if segment.end is not None:
-        return segment.end
+        return str(segment.end)
     if to_drive is not None and state[-1] == to_drive:
         return "reached"
     return "zero_voltage" if state[-1] == 0.0 else "unbounded"

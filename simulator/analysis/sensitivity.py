@@ -5,11 +5,11 @@ zᵀ∂R/∂x = 0, the change of the drive v at which the branch folds is explic
 
     dv*/dq = −(zᵀ ∂R/∂q) / (zᵀ ∂R/∂v).
 
-∂R/∂q is total: the contents sealed, or the pressure held while the valve is open, depend on the state in
-which the valve was last turned. That state moves with q as well, dy/dq = −(∂R/∂y)⁻¹ ∂R/∂q, and so on back to
-the stress-free state. Derivatives in q are differences of R, not of limit points: of a smooth function at one
-state, with central differences of fourth order good to ten digits or more. So any number that the scenario's
-grammar has can be q.
+∂R/∂q is total: the amount of gas sealed depends on q too, and on the inflated state, which moves as
+dλ⁰/dq = −(∂g/∂q)/(∂g/∂λ). With the valve open the pressure is the one at which the valve was opened, and
+moves with the sealed state of that moment. Derivatives in q are differences of R, not of limit points: of a
+smooth function at one state, with central differences of fourth order good to ten digits or more. So any
+number that the scenario's grammar has can be q.
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.events import EventKind
 from simulator.model.device import Device
-from simulator.model.drive import Quantity, VoltageLine
-from simulator.results.history import Event, EventKind, History
+from simulator.model.drive import VoltageLine
+from simulator.results.history import Event, History
 from simulator.results.sensitivity import Sensitivity
 from simulator.scenario import Charge, Inflate, Sine, SineByName, duration
 from simulator.scenario.keys import changed_scenario, number_at, physical_keys
@@ -31,6 +32,7 @@ from simulator.simulation import motion
 from simulator.simulation.motion import Electrodes
 
 if TYPE_CHECKING:
+    from simulator.model.contents import Contents
     from simulator.model.groups import AnyEquations
     from simulator.scenario import PlayedStep, Scenario
 
@@ -54,7 +56,7 @@ def sensitivities(
         A limit point of it.
     keys : sequence of str, optional
         Which numbers, by dotted key. Default: all that the device, its gas and its inflation have,
-        see `simulator.scenario.keys.physical_keys`.
+        see `keys.physical_keys`.
 
     Returns
     -------
@@ -64,9 +66,9 @@ def sensitivities(
     Raises
     ------
     ValueError
-        If the event is no limit point, is one of given charges or of sines by name, comes after a step
-        that an `until` ended (where that is moves with the numbers too), or the scenario has `[dynamics]`,
-        with which a limit point is passed late.
+        If the event is no limit point, is one of given charges or of sines by name, or comes after a step
+        that an `until` ended: where that is moves with the numbers too. Also if the scenario has
+        `[dynamics]`, with which a limit point is passed late.
     ArithmeticError
         If its state is not one to rounding.
 
@@ -76,10 +78,10 @@ def sensitivities(
     >>> history = simulate(load_scenario("scenarios/fig3c_state_b.toml"))
     >>> (one,) = sensitivities(history, history.events[0], ["gas.ambient_pressure"])
     >>> one.of, round(one.derivative, 4)
-    ('voltage_active', 0.1949)
+    ('voltage_active', 0.1951)
     """
     if history.scenario.dynamics is not None:
-        raise ValueError("with [dynamics] a limit point is passed late: no sensitivities")
+        raise ValueError("with [dynamics] a limit point is passed late: it has no sensitivities")
     if event.kind is not EventKind.LIMIT_POINT:
         raise ValueError(f"{event.kind.value} at time {event.time}: only a limit point moves smoothly")
     scenario = history.scenario
@@ -125,105 +127,54 @@ def all_sensitivities(history: History) -> tuple[Sensitivity, ...]:
 
 
 @dataclass(frozen=True)
-class _Turned:
-    """The state in which the valve was turned, or the last one of a phase with the valve in one position.
+class _Open:
+    """The valve open: the state at the end of a step, or at a limit point in it.
 
-    Attributes
-    ----------
-    is_open : bool
-        The valve's position before.
-    line : VoltageLine
-        The voltages, or charges, that were given then.
-    pressure : float
-    stretch : (n_balloons,) array
-    inflation : int or None
-        Number of the step that set the pressure while the valve was open; None where it was held.
-    before : _Turned or None
-        The state in which the valve was turned before that; None where that is the stress-free one.
+    `number` is that step, 0 where the valve was never open; `sources` are what the electrodes are given. The
+    pressure is that of an inflation, unless `before` is the sealed state in which the valve was opened.
     """
 
-    is_open: bool
-    line: VoltageLine
-    pressure: float
+    number: int
     stretch: FloatArray
-    inflation: int | None
-    before: _Turned | None
-
-    def rates(self, scenario: Scenario, key: str, value: float) -> tuple[float, FloatArray]:
-        """dp/dq and dλ/dq."""
-        if not self.is_open:
-            return self._closed_rates(scenario, key, value)
-        along, base = self.pressure_rate(scenario, key, value), Device.from_scenario(scenario)
-
-        def balances(q: float) -> FloatArray:
-            device = Device.from_scenario(changed_scenario(scenario, key, q))
-            pressure = self.pressure + (q - value) * along
-            walls = [device.actuated(i, pressure, self.line) for i in range(len(self.stretch))]
-            return np.array([w.residual([x, 0.0])[0] for w, x in zip(walls, self.stretch, strict=True)])
-
-        walls = [base.actuated(i, self.pressure, self.line) for i in range(len(self.stretch))]
-        slopes = [w.linearised([x, 0.0])[1][0][0] for w, x in zip(walls, self.stretch, strict=True)]
-        return along, -_derivative(balances, value) / np.array(slopes, dtype=np.float64)
-
-    def pressure_rate(self, scenario: Scenario, key: str, value: float) -> float:
-        """dp/dq of the pressure that is given while the valve is open."""
-        number = self.inflation
-        if number is None:
-            return 0.0 if self.before is None else self.before.rates(scenario, key, value)[0]
-
-        def set_to(q: float) -> FloatArray:
-            return np.array([_inflation(changed_scenario(scenario, key, q), number)])
-
-        return float(_derivative(set_to, value)[0])
-
-    def _closed_rates(self, scenario: Scenario, key: str, value: float) -> tuple[float, FloatArray]:
-        state = [*self.stretch.tolist(), self.pressure, 0.0]
-        sealed = _sealed(scenario, key, value, self.before, self.line)
-        moved = _derivative(lambda q: np.array(sealed(q).residual(state), dtype=np.float64), value)
-        matrix = np.array(sealed(value).linearised(state)[1], dtype=np.float64)[:, :-1]
-        rates = -np.linalg.solve(matrix, moved)
-        return float(rates[-1]), np.asarray(rates[:-1])
+    pressure: float
+    sources: VoltageLine
+    before: _Sealed | None
 
 
-def _sealed(
-    scenario: Scenario, key: str, value: float, turned: _Turned | None, line: VoltageLine
-) -> Callable[[float], AnyEquations]:
-    """The equations with the valve closed as a function of q, with which the state it was closed in moves."""
-    device = Device.from_scenario(scenario)
-    pressure = 0.0 if turned is None else turned.pressure
-    stretch = np.ones(len(device.names)) if turned is None else turned.stretch
-    pressure_rate, rates = (
-        (0.0, np.zeros(stretch.size)) if turned is None else turned.rates(scenario, key, value)
-    )
+@dataclass(frozen=True)
+class _Sealed:
+    """The valve closed: a state, and the one in which the valve was closed."""
 
-    def at(q: float) -> AnyEquations:
-        device = Device.from_scenario(changed_scenario(scenario, key, q))
-        swelling = device.swelling((stretch + (q - value) * rates)[None])
-        gas = device.law.sealed(pressure + (q - value) * pressure_rate, float(swelling[0]))
-        return device.sealed(gas, line)
-
-    return at
+    stretch: FloatArray
+    pressure: float
+    sources: VoltageLine
+    since: _Open
 
 
 @dataclass(frozen=True)
 class _Here:
-    """A limit point, the step in which it is met, and the state in which the valve was turned last."""
+    """A limit point, the step in which it is met, and the state in which the valve was opened or closed last.
+
+    `line` is the way that the voltages go there, `state` its unknowns (stretches…, p, v).
+    """
 
     scenario: Scenario
     step: PlayedStep
     line: VoltageLine
     state: FloatArray
-    turned: _Turned
+    since: _Open | None
+    opened: _Open | None
 
     @classmethod
     def of(cls, history: History, event: Event) -> _Here:
-        """Of an event of a history. Raises ValueError where that has no sensitivities."""
         steps = [step for step, _ in zip(history.scenario.played_steps(), range(event.step), strict=False)]
         step = steps[-1]
         rows = np.flatnonzero(history.step < event.step)
-        last = _end_of(history, event.step - 1)
-        electrodes = Electrodes(last.voltage, last.charge, motion.given_by(step) or "voltage")
-        legs = motion.motion(step, history.electroded, electrodes, last.pressure)
+        voltage = history.voltage[rows[-1]] if rows.size else np.zeros(len(history.electroded))
+        pressure = float(history.pressure[rows[-1]]) if rows.size else 0.0
+        charge = history.charge[rows[-1]] if rows.size else np.zeros(len(history.electroded))
+        electrodes = Electrodes(voltage.tolist(), charge.tolist(), motion.given_by(step) or "voltage")
+        legs = motion.motion(step, history.electroded, electrodes, pressure)
         begun = float(history.time[rows[-1]]) if rows.size else 0.0
         share = (event.time - begun) / duration(step)
         line = next((leg for leg in legs if share <= leg.end), legs[-1]).way
@@ -234,116 +185,187 @@ class _Here:
         if _ended_early(history, event):
             raise ValueError(f"limit point at time {event.time}: an until before it moves too")
         if isinstance(step, Inflate):
-            line, v = VoltageLine.still(last.voltage), event.pressure_before
+            line, v = VoltageLine(tuple(voltage.tolist()), (0.0,) * voltage.size), event.pressure_before
         else:
             v = line.coordinate(event.voltage.tolist())
         state = np.array([*event.stretch_before, event.pressure_before, v])
-        return cls(history.scenario, step, line, state, _phase(history, steps, line))
+        if motion.opens_valve(step):
+            return cls(history.scenario, step, line, state, None, _opened(history, steps, event.step))
+        return cls(history.scenario, step, line, state, _last_open(history, steps, event.step - 1), None)
 
     def rate(self, key: str, value: float) -> float:
         """dv*/dq."""
-        residual, matrix = self._alone(key, value) if self.turned.is_open else self._together(key, value)
+        matrix, place = self._jacobian()
         # Rows and columns of one size, so that a small singular value means a singular matrix.
         sizes = np.sqrt(np.einsum("ij,ij->i", matrix, matrix))
         left, singular, _ = np.linalg.svd(matrix[:, :-1] / sizes[:, None])
         if singular[-1] > _SINGULAR:
             raise ArithmeticError(f"the state is no limit point, singular value {singular[-1]:.1e}")
         z = left[:, -1] / sizes
-        return float(-(z @ _derivative(residual, value)) / (z @ matrix[:, -1]))
+        moved = _derivative(self._residual(_Moving(self.scenario, key, value), place), value)
+        return float(-(z @ moved) / (z @ matrix[:, -1]))
 
-    def _together(self, key: str, value: float) -> tuple[Callable[[float], FloatArray], FloatArray]:
-        """With the valve closed: R at this state as a function of q, and ∂R/∂(λ, p, v)."""
-        sealed, state = _sealed(self.scenario, key, value, self.turned.before, self.line), self.state.tolist()
-        matrix = np.array(sealed(value).linearised(state)[1], dtype=np.float64)
-        return lambda q: np.array(sealed(q).residual(state), dtype=np.float64), matrix
-
-    def _alone(self, key: str, value: float) -> tuple[Callable[[float], FloatArray], FloatArray]:
-        """With the valve open, of the balloon that folds: R at this state, and ∂R/∂(λ, v)."""
-        inflates = isinstance(self.step, Inflate)
-        along = 0.0 if inflates else self.turned.pressure_rate(self.scenario, key, value)
-
-        def equations(device: Device, balloon: int, q: float) -> AnyEquations:
-            if inflates:
-                return device.inflated(balloon, self.line.offset)
-            return device.actuated(balloon, self.turned.pressure + (q - value) * along, self.line)
-
-        base = Device.from_scenario(self.scenario)
-        states = [[x, self.state[-1]] for x in self.state[: len(base.names)]]
+    def _jacobian(self) -> tuple[FloatArray, int]:
+        """∂R/∂(x, v), and with the valve open the balloon that folds."""
+        device = Device.from_scenario(self.scenario)
+        if self.since is not None:
+            gas = _gas(device, self.since.stretch, self.since.pressure)
+            equations: AnyEquations = device.sealed(gas, self.line)
+            return np.array(equations.linearised(self.state.tolist())[1], dtype=np.float64), -1
+        pressure = float(self.state[-2])
         rows = [
-            np.array(equations(base, i, value).linearised(y)[1], dtype=np.float64)
-            for i, y in enumerate(states)
+            np.array(
+                self._alone(device, i, pressure).linearised([self.state[i], self.state[-1]])[1],
+                dtype=np.float64,
+            )
+            for i in range(len(device.names))
         ]
         place = min(range(len(rows)), key=lambda i: abs(rows[i][0, 0]))
-
-        def residual(q: float) -> FloatArray:
-            device = Device.from_scenario(changed_scenario(self.scenario, key, q))
-            return np.array(equations(device, place, q).residual(states[place]), dtype=np.float64)
-
         # One equation: ∂R/∂λ itself vanishes, beside ∂R/∂v.
-        return residual, rows[place]
+        return rows[place], place
+
+    def _alone(self, device: Device, balloon: int, pressure: float) -> AnyEquations:
+        """One balloon with the valve open, in this step."""
+        if isinstance(self.step, Inflate):
+            return device.inflated(balloon, self.line.offset)
+        return device.actuated(balloon, pressure, self.line)
+
+    def _residual(self, moving: _Moving, place: int) -> Callable[[float], FloatArray]:
+        """R at this state as a function of q, with what was sealed, or the pressure held, moving with it."""
+        if self.since is None:
+            assert self.opened is not None
+            held = moving.pressure(self.opened)
+
+            def alone(q: float) -> FloatArray:
+                equations = self._alone(moving.device(q), place, held(q))
+                return np.array(equations.residual([self.state[place], self.state[-1]]), dtype=np.float64)
+
+            return alone
+        gas = moving.gas(self.since)
+
+        def together(q: float) -> FloatArray:
+            equations = moving.device(q).sealed(gas(q), self.line)
+            return np.array(equations.residual(self.state.tolist()), dtype=np.float64)
+
+        return together
 
 
 @dataclass(frozen=True)
-class _Ended:
-    """The state at the end of a step."""
+class _Moving:
+    """How past states move, to first order, with the number `key` of a scenario, about its `value`."""
 
-    stretch: FloatArray
-    pressure: float
-    voltage: list[float]
-    charge: list[float]
+    scenario: Scenario
+    key: str
+    value: float
+
+    def device(self, q: float) -> Device:
+        """The device where the number is q."""
+        return Device.from_scenario(changed_scenario(self.scenario, self.key, q))
+
+    def pressure(self, state: _Open) -> Callable[[float], float]:
+        """The pressure of an open valve."""
+        if state.before is None:
+            return lambda q: _inflated(changed_scenario(self.scenario, self.key, q), state.number)
+        rate = float(self._sealed_rate(state.before)[-1])
+        return lambda q: state.pressure + (q - self.value) * rate
+
+    def gas(self, state: _Open) -> Callable[[float], Contents]:
+        """What is inside when the valve is closed."""
+        pressure, rate = self.pressure(state), self._open_rate(state)
+        return lambda q: _gas(self.device(q), state.stretch + (q - self.value) * rate, pressure(q))
+
+    def _open_rate(self, state: _Open) -> FloatArray:
+        """dλ/dq of the balloons under an open valve; never inflated, they stay stress free."""
+        if state.number == 0:
+            return np.zeros_like(state.stretch)
+        pressure = self.pressure(state)
+
+        def balloons(q: float) -> list[tuple[AnyEquations, list[float]]]:
+            device = self.device(q)
+            return [
+                (device.actuated(i, pressure(q), state.sources), [float(x), 0.0])
+                for i, x in enumerate(state.stretch)
+            ]
+
+        def balances(q: float) -> FloatArray:
+            return np.array([one.residual(y)[0] for one, y in balloons(q)], dtype=np.float64)
+
+        slopes = [one.linearised(y)[1][0][0] for one, y in balloons(self.value)]
+        return -_derivative(balances, self.value) / np.array(slopes, dtype=np.float64)
+
+    def _sealed_rate(self, state: _Sealed) -> FloatArray:
+        """d(λ, p)/dq of the balloons on their gas."""
+        gas, y = self.gas(state.since), [*state.stretch.tolist(), state.pressure, 0.0]
+
+        def equations(q: float) -> AnyEquations:
+            return self.device(q).sealed(gas(q), state.sources)
+
+        def balances(q: float) -> FloatArray:
+            return np.array(equations(q).residual(y), dtype=np.float64)
+
+        matrix = np.array(equations(self.value).linearised(y)[1], dtype=np.float64)[:, :-1]
+        return np.asarray(-np.linalg.solve(matrix, _derivative(balances, self.value)))
 
 
-def _end_of(history: History, number: int) -> _Ended:
-    """The state at the end of a step; before the first one the stress-free state."""
-    rows = np.flatnonzero(history.step <= number)
-    if not rows.size:
-        none = [0.0] * len(history.electroded)
-        return _Ended(np.ones(len(history.balloons)), 0.0, none, none)
-    row = rows[-1]
-    return _Ended(
-        history.stretch[row],
-        float(history.pressure[row]),
-        history.voltage[row].tolist(),
-        history.charge[row].tolist(),
-    )
+def _last_open(history: History, steps: Sequence[PlayedStep], number: int) -> _Open:
+    """The state at the end of the last step up to `number` that the valve was open in."""
+    last = next((i for i in range(number, 0, -1) if motion.opens_valve(steps[i - 1])), 0)
+    return _opened(history, steps, last)
 
 
-def _phase(history: History, steps: Sequence[PlayedStep], line: VoltageLine | None = None) -> _Turned:
-    """The last of some steps of a history, with the states in which the valve was turned before it.
+def _opened(history: History, steps: Sequence[PlayedStep], number: int) -> _Open:
+    """The state at the end of a step that the valve is open in."""
+    if number == 0:
+        return _Open(0, np.ones(len(history.balloons)), 0.0, _sources(history, steps, 0), None)
+    first = number
+    while first > 1 and motion.opens_valve(steps[first - 2]):
+        first -= 1
+    row = _end(history, number)
+    stretch, pressure = history.stretch[row], float(history.pressure[row])
+    inflated = any(isinstance(step, Inflate) for step in steps[first - 1 : number])
+    before = None if inflated or first == 1 else _closed(history, steps, first - 1)
+    return _Open(number, stretch, pressure, _sources(history, steps, number), before)
 
-    `line` is the way of the drive in the last step; None for what was given at its end.
-    """
-    is_open, number = _opens(steps[-1]), len(steps)
-    begun = number
-    while begun and _opens(steps[begun - 1]) == is_open:
-        begun -= 1
-    inflation = next(
-        (i for i in range(number, begun, -1) if isinstance(steps[i - 1], Inflate)) if is_open else iter(()),
-        None,
-    )
-    before = _phase(history, steps[:begun]) if begun else None
-    if line is not None:
-        # In the course of the step, before its end.
-        pressure = _end_of(history, number - 1).pressure
-        return _Turned(is_open, line, pressure, np.empty(0), inflation, before)
-    end = _end_of(history, number)
-    given: Quantity = next((found for step in reversed(steps) if (found := motion.given_by(step))), "voltage")
-    held = Electrodes(end.voltage, end.charge, given).line
-    return _Turned(is_open, held, end.pressure, end.stretch, inflation, before)
+
+def _closed(history: History, steps: Sequence[PlayedStep], number: int) -> _Sealed:
+    """The state at the end of a step that the valve is closed in."""
+    row = _end(history, number)
+    since = _last_open(history, steps, number)
+    sources = _sources(history, steps, number)
+    return _Sealed(history.stretch[row], float(history.pressure[row]), sources, since)
+
+
+def _end(history: History, number: int) -> int:
+    return int(np.flatnonzero(history.step <= number)[-1])
+
+
+def _sources(history: History, steps: Sequence[PlayedStep], number: int) -> VoltageLine:
+    """What the electrodes are given at the end of a step, held there."""
+    if number == 0:
+        return VoltageLine.still([0.0] * len(history.electroded))
+    given = [quantity for step in steps[:number] if (quantity := motion.given_by(step)) is not None]
+    row = _end(history, number)
+    if given and given[-1] == "charge":
+        return VoltageLine.still(history.charge[row].tolist(), "charge")
+    return VoltageLine.still(history.voltage[row].tolist())
+
+
+def _gas(device: Device, stretch: FloatArray, pressure: float) -> Contents:
+    return device.law.sealed(pressure, float(device.swelling(stretch[None])[0]))
 
 
 def _ended_early(history: History, event: Event) -> bool:
     return any(stop.reached and stop.step < event.step for stop in history.stops)
 
 
-def _opens(step: PlayedStep) -> bool:
-    return isinstance(step, Inflate) or step.valve == "open"
-
-
-def _inflation(scenario: Scenario, number: int) -> float:
-    """The pressure that the step of a number, as played, inflates to."""
-    step = next(step for i, step in enumerate(scenario.played_steps(), start=1) if i == number)
-    return float(step.inflate) if isinstance(step, Inflate) else 0.0
+def _inflated(scenario: Scenario, number: int) -> float:
+    """What the last `inflate` up to a step, as played, sets the pressure to."""
+    last = 0.0
+    for place, step in enumerate(scenario.played_steps(), start=1):
+        if place > number:
+            break
+        last = step.inflate if isinstance(step, Inflate) else last
+    return last
 
 
 def _derivative(function: Callable[[float], FloatArray], at: float) -> FloatArray:

@@ -68,7 +68,7 @@ def trace(
     >>> from simulator import load_scenario
     >>> curve = trace(load_scenario("scenarios/fig3c_state_b.toml"))
     >>> [(point.kind, round(float(point.voltage[0]), 6)) for point in curve.points]
-    [('limit_point', 0.360441), ('limit_point', 0.270291), ('loss_of_tension', 0.586434)]
+    [('limit_point', 0.360441), ('limit_point', 0.270291), ('loss_of_tension', 0.500372)]
     """
     to_drive = None if to_voltage is None else dimensionless(scenario, "to_voltage", to_voltage, VOLTAGE, 0.0)
     _check_stretch(scenario, to_stretch)

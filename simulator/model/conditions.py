@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.events import EventKind
 from simulator.model.elastomers import Number, largest_stretch
 from simulator.model.equations import Equations, State
 from simulator.model.membranes import AnyMembrane
@@ -25,7 +26,7 @@ ENDLESS = 1e3  # stretch that counts as without end
 
 @dataclass(frozen=True)
 class Condition:
-    """One condition: `margin(y)` falls through zero at the event `kind`.
+    """One condition: `margin(y)` falls through zero at the event `kind`, an `EventKind` or another word.
 
     `margin` takes floats, complex numbers or rows of arrays; `slope(y)` is its gradient at one state.
     """
@@ -81,7 +82,7 @@ def singularity(equations: Equations, place: int, sign: float) -> Condition:
         )
         return np.asarray(sign * slopes / _STEP)
 
-    return Condition("limit_point", margin, slope)
+    return Condition(EventKind.LIMIT_POINT, margin, slope)
 
 
 def tension(place: int) -> Condition:
@@ -92,7 +93,7 @@ def tension(place: int) -> Condition:
         out[place] = 1.0
         return out
 
-    return Condition("loss_of_tension", lambda y: y[place], slope)
+    return Condition(EventKind.LOSS_OF_TENSION, lambda y: y[place], slope)
 
 
 def intactness(membrane: AnyMembrane, place: int, strength: Strength) -> Condition:
@@ -102,7 +103,7 @@ def intactness(membrane: AnyMembrane, place: int, strength: Strength) -> Conditi
         share = membrane.field(y[place], y[-1]) / strength.at(y[place])
         return 1.0 - share * share
 
-    return Condition("breakdown", margin, lambda y: gradient(margin, y))
+    return Condition(EventKind.BREAKDOWN, margin, lambda y: gradient(margin, y))
 
 
 def validity(place: int, largest: float) -> Condition:
@@ -113,13 +114,13 @@ def validity(place: int, largest: float) -> Condition:
         out[place] = -1.0
         return out
 
-    return Condition("out_of_range", lambda y: largest - y[place], slope)
+    return Condition(EventKind.OUT_OF_RANGE, lambda y: largest - y[place], slope)
 
 
 def boundedness(place: int) -> Condition:
     """How far a stretch is from 1000: a wall that never stiffens may grow without end at a finite drive."""
     reached = validity(place, ENDLESS)
-    return Condition("runaway", reached.margin, reached.slope)
+    return Condition(EventKind.RUNAWAY, reached.margin, reached.slope)
 
 
 _STEP = 1e-30

@@ -27,6 +27,7 @@ Number = Any
 # What the source of the electrodes gives; the other follows.
 Quantity = Literal["voltage", "charge"]
 
+_ROUNDING = 4e-16  # of a voltage: about two units in its last place
 _SOON = 1e-4  # of a way: where it is seen whether an oscillating voltage rises
 _ONE_CORNER = 1e-12  # corners of two triangles closer than this part of a period are one
 
@@ -131,8 +132,11 @@ class VoltageLine:
             return cls.still(start, quantity)
         leader = change.index(largest)
         rate = tuple(c / largest for c in change)
+        # A line through zero has no offset: what rounding leaves of one would be a voltage where all are off.
         offset = tuple(
-            0.0 if i == leader or a == r * start[leader] else a - r * start[leader]
+            0.0
+            if i == leader or math.isclose(a, r * start[leader], rel_tol=_ROUNDING)
+            else a - r * start[leader]
             for i, (a, r) in enumerate(zip(start, rate, strict=True))
         )
         return cls(offset, rate, quantity)
@@ -158,7 +162,11 @@ class VoltageLine:
 
     def at(self, v: FloatArray | float) -> FloatArray:
         """Voltages, or charges, at v: shape (n_electroded,) for a float, (n, n_electroded) for n values."""
-        return np.asarray(np.multiply.outer(v, self.rate) + np.asarray(self.offset))
+        moved, offset = np.multiply.outer(v, self.rate), np.asarray(self.offset)
+        voltages = moved + offset
+        # A voltage that the line switches off is off, and not what rounding leaves of the two parts.
+        off = np.abs(voltages) <= _ROUNDING * np.abs(offset)
+        return np.asarray(np.where(off, 0.0, voltages))
 
 
 def sine_of_turns(turns: Any) -> Any:

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+from simulator.events import EventKind, Outcome
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -27,31 +28,18 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+__all__ = [
+    "EnergyBalance",
+    "Event",
+    "EventKind",
+    "History",
+    "Outcome",
+    "SolverStatistics",
+    "Stop",
+    "Verdict",
+]
 
 _BROKEN = 1e-9  # a margin that is zero to the accuracy of a flow
-
-
-class EventKind(StrEnum):
-    """What can happen on the way; the first two snap or leave a branch, the rest are named as they are."""
-
-    LIMIT_POINT = "limit_point"
-    BRANCH_POINT = "branch_point"
-    JUMP = "jump"
-    LOSS_OF_TENSION = "loss_of_tension"
-    BREAKDOWN = "breakdown"
-    RUNAWAY = "runaway"
-    OUT_OF_RANGE = "out_of_range"  # a stretch beyond the curve that its elastomer was measured on
-
-
-class Outcome(StrEnum):
-    """How a history ended. Everything but `FAILED` is physics, and a result."""
-
-    COMPLETED = "completed"
-    LOSS_OF_TENSION = "loss_of_tension"
-    BREAKDOWN = "breakdown"
-    RUNAWAY = "runaway"
-    OUT_OF_RANGE = "out_of_range"
-    FAILED = "failed"  # the solver gave up; the history up to there is kept, as partial
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.events import Outcome
 from simulator.results.files import write_files
-from simulator.results.history import Outcome
 from simulator.units import VOLUME, in_si
 
 if TYPE_CHECKING:

@@ -18,13 +18,16 @@ from simulator.scenario.document import Dynamics, Output, Scenario, Solver, load
 from simulator.scenario.elastomer import (
     ArrudaBoyce,
     Elastomer,
+    Fung,
     Gent,
+    GentGent,
     MooneyRivlin,
     NeoHookean,
     Ogden,
     Preset,
     Python,
     Tabulated,
+    Yeoh,
 )
 from simulator.scenario.errors import Problem, ScenarioError
 from simulator.scenario.presets import PRESETS
@@ -65,8 +68,10 @@ __all__ = [
     "Cycle",
     "Dynamics",
     "Elastomer",
+    "Fung",
     "Gas",
     "Gent",
+    "GentGent",
     "Hold",
     "Inflate",
     "Jump",
@@ -95,6 +100,7 @@ __all__ = [
     "TriangleByName",
     "TriangleWave",
     "Until",
+    "Yeoh",
     "dimension_of",
     "dimensionless",
     "duration",

@@ -116,6 +116,46 @@ class ArrudaBoyce(_Law):
         return f"Arruda–Boyce, lambda_L = {self.lambda_L:g}"
 
 
+class Yeoh(_Law):
+    """Yeoh elastomer; only the ratios of `C1`, `C2` and `C3` count."""
+
+    model: Literal["yeoh"]
+    C1: Positive
+    C2: Number
+    C3: Number = 0.0
+
+    @property
+    def words(self) -> str:
+        """The elastomer in plain words."""
+        return f"Yeoh, C1 : C2 : C3 = {self.C1:g} : {self.C2:g} : {self.C3:g}"
+
+
+class GentGent(_Law):
+    """Gent–Gent elastomer; only the ratio of `C1` and `C2` counts."""
+
+    model: Literal["gent-gent"]
+    C1: Positive
+    C2: NonNegative
+    J_lim: Positive
+
+    @property
+    def words(self) -> str:
+        """The elastomer in plain words."""
+        return f"Gent–Gent, C1 : C2 = {self.C1:g} : {self.C2:g}, J_lim = {self.J_lim:g}"
+
+
+class Fung(_Law):
+    """Fung elastomer with the stiffening `b`."""
+
+    model: Literal["fung"]
+    b: Positive
+
+    @property
+    def words(self) -> str:
+        """The elastomer in plain words."""
+        return f"Fung, b = {self.b:g}"
+
+
 class Tabulated(_Law):
     """Elastomer measured as a curve, in a CSV file.
 
@@ -178,7 +218,7 @@ class Preset(Frozen):
     preset: str = Field(description="the name of a preset")
 
     @property
-    def law(self) -> Gent | NeoHookean | MooneyRivlin | Ogden | ArrudaBoyce:
+    def law(self) -> AnyFormula:
         """The model that the preset stands for."""
         written = self.material.elastomer
         found = _MODELS[written["model"]].model_validate(written)
@@ -201,11 +241,12 @@ class Preset(Frozen):
         return f"{self.preset} ({self.law.words}; {self.material.citation})"
 
 
-AnyLaw = Gent | NeoHookean | MooneyRivlin | Ogden | ArrudaBoyce | Tabulated
+AnyFormula = Gent | NeoHookean | MooneyRivlin | Ogden | ArrudaBoyce | Yeoh | GentGent | Fung
+AnyLaw = AnyFormula | Tabulated
 
 _MODELS: dict[str, type[AnyLaw]] = {
     kind.model_fields["model"].annotation.__args__[0]: kind  # type: ignore[union-attr]
-    for kind in (Gent, NeoHookean, MooneyRivlin, Ogden, ArrudaBoyce, Tabulated)
+    for kind in (Gent, NeoHookean, MooneyRivlin, Ogden, ArrudaBoyce, Yeoh, GentGent, Fung, Tabulated)
 }
 
 _A_TABLE = 'must be a table such as { model = "gent", J_lim = 100 } or { preset = "VHB-4910" }'

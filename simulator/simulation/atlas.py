@@ -1,4 +1,4 @@
-"""One set of equations walks through a waveform: along a branch, off its end, along the next.
+"""The response of one set of equations to a waveform: along a branch, off its end, along the next.
 
 All branches met in a run are kept in an `Atlas`. A branch is followed once, however often a history
 comes back to it, and so is the way out at each of its ends.
@@ -6,12 +6,14 @@ comes back to it, and so is the way out at each of its ends.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.events import EventKind
 from simulator.model.drive import Waveform
 from simulator.model.groups import AnyEquations, Group
 from simulator.solver import flow
@@ -21,39 +23,75 @@ from simulator.solver.newton import escape_direction, is_fold, parting_direction
 
 FloatArray = NDArray[np.float64]
 
-
-LOSS_OF_TENSION = "loss_of_tension"
+_ROUNDING = 1e-9  # of what the potential loses: no difference between two ways
 
 
 @dataclass(frozen=True)
-class Happening:
-    """An event of one set of equations, both sides as states y; `after` is None where the history ends."""
+class Exit:
+    """How a set of equations leaves a state, at one instant.
 
-    kind: str
+    Attributes
+    ----------
+    kind : EventKind
+        What makes it leave.
+    before : (n_unknowns,) array
+        The state y that it leaves.
+    rest : flow.Rest or None
+        Where the flow from there comes to rest or ends; None where the history ends in the state itself.
+    dissipated : float
+        What the potential loses up to there.
+    onward : Branch or None
+        The branch that it goes on with.
+    fraction : float
+        When, as a fraction of the leg.
+    set_out : (n_unknowns,) array or None
+        Where its flow begins, if not in the state that it leaves.
+    """
+
+    kind: EventKind
     before: FloatArray
-    after: FloatArray | None = None
-    dissipated: float | None = None
+    rest: flow.Rest | None = None
+    dissipated: float = 0.0
+    onward: Branch | None = None
+    fraction: float = 0.0
+    set_out: FloatArray | None = None
+
+    @property
+    def runs_away(self) -> bool:
+        """Whether the flow has no end."""
+        return self.rest is not None and self.rest.end == EventKind.RUNAWAY
+
+    @property
+    def start(self) -> FloatArray:
+        """The state y in which its flow begins."""
+        return self.before if self.set_out is None else self.set_out
+
+    def ending(self, group: Group, rest: flow.Rest) -> Exit:
+        """The same flow of a group where it ends elsewhere."""
+        return replace(self, rest=rest, dissipated=_lost(group.equations, self.before, rest))
+
+    def falls_further_than(self, other: Exit) -> bool:
+        """Whether the potential falls further here, and not by rounding alone."""
+        here, there = (math.inf if exit.runs_away else exit.dissipated for exit in (self, other))
+        return here > there + _ROUNDING * abs(there)
+
+    @property
+    def landing(self) -> FloatArray | None:
+        """The state y in which it comes to rest; None where the history ends before."""
+        return None if self.rest is None or self.rest.end is not None else self.rest.state
 
 
 @dataclass(frozen=True)
-class Turn:
-    """What happens to a group at one instant: one or two happenings, and the branch it goes on with."""
+class Response:
+    """A group's response to a leg of the drive: the branch it starts on, and its exits.
 
-    fraction: float
-    happenings: tuple[Happening, ...]
-    onward: Branch | None
-
-
-@dataclass(frozen=True)
-class Walk:
-    """A group's way through one step: the branch it starts on (None where it cannot), and its turns.
-
-    `failure` is why it could not be walked to its end; the turns before that are right.
+    `branch` is None where it cannot start. `failure` is why the response could not be found to its end; the
+    exits before that are right.
     """
 
     group: Group
     branch: Branch | None
-    turns: tuple[Turn, ...]
+    exits: tuple[Exit, ...]
     failure: Exception | None = None
 
 
@@ -64,7 +102,7 @@ class Atlas:
     rtol: float
     effort: Effort = field(default_factory=Effort)
     branches: dict[AnyEquations, list[Branch]] = field(default_factory=dict)
-    exits: dict[tuple[int, float], tuple[tuple[Happening, ...], Branch | None]] = field(default_factory=dict)
+    exits: dict[tuple[int, float], Exit] = field(default_factory=dict)
 
     def branch_at(self, group: Group, state: FloatArray) -> Branch:
         """The branch through a stable state: a known one if it is on one."""
@@ -79,34 +117,34 @@ class Atlas:
         known.append(Branch.through(group.equations, group.conditions, state))
         return known[-1]
 
-    def walk(self, group: Group, state: FloatArray, waveform: Waveform) -> Walk:
+    def response(self, group: Group, state: FloatArray, waveform: Waveform) -> Response:
         """Follow a group's branches through a waveform from a state at its start."""
         values = waveform.values
         if loses_tension(group.equations, state, float(values[np.argmax(values != values[0])])):
-            return Walk(group, None, (Turn(0.0, (Happening(LOSS_OF_TENSION, state),), None),))
+            return Response(group, None, (Exit(EventKind.LOSS_OF_TENSION, state),))
         highest = np.maximum.accumulate(values[::-1])[::-1]
         lowest = np.minimum.accumulate(values[::-1])[::-1]
         first = self.branch_at(group, state)
         branch: Branch | None = first
-        turns: list[Turn] = []
-        leg = 0
+        exits: list[Exit] = []
+        part = 0
         try:
             while branch is not None:
                 low, high = branch.known_range()
-                outside = (values[leg + 1 :] < low) | (values[leg + 1 :] > high)
+                outside = (values[part + 1 :] < low) | (values[part + 1 :] > high)
                 if not outside.any():
                     break
-                leg += int(np.argmax(outside))
-                target = float(values[leg + 1])
+                part += int(np.argmax(outside))
+                target = float(values[part + 1])
                 rising = target > high
-                end = self._reach(branch, target, float(highest[leg + 1] if rising else lowest[leg + 1]))
+                end = self._reach(branch, target, float(highest[part + 1] if rising else lowest[part + 1]))
                 if end is not None:
-                    found, onward = self._leave(group, branch, end, 1.0 if rising else -1.0)
-                    turns.append(Turn(waveform.when(leg, float(end.state[-1])), found, onward))
-                    branch = onward
+                    found = self._leave(group, branch, end, 1.0 if rising else -1.0)
+                    exits.append(replace(found, fraction=waveform.when(part, float(end.state[-1]))))
+                    branch = found.onward
         except (ArithmeticError, np.linalg.LinAlgError) as failure:
-            return Walk(group, first, tuple(turns), failure)
-        return Walk(group, first, tuple(turns))
+            return Response(group, first, tuple(exits), failure)
+        return Response(group, first, tuple(exits))
 
     def _reach(self, branch: Branch, target: float, furthest: float) -> BranchEnd | None:
         """Follow a branch as far as the waveform needs it; return its end if that comes before `target`."""
@@ -118,77 +156,79 @@ class Atlas:
                 raise
         return branch.reach(target, self.rtol, self.effort)
 
-    def _leave(
-        self, group: Group, branch: Branch, end: BranchEnd, direction: float
-    ) -> tuple[tuple[Happening, ...], Branch | None]:
-        """What happens at the end of a branch, and the branch it goes on with."""
+    def _leave(self, group: Group, branch: Branch, end: BranchEnd, direction: float) -> Exit:
+        """How the end of a branch is left, found once."""
         key = (id(branch), direction)
         if key not in self.exits:
             self.exits[key] = self._way_out(group, end, direction)
         return self.exits[key]
 
-    def _way_out(
-        self, group: Group, end: BranchEnd, direction: float
-    ) -> tuple[tuple[Happening, ...], Branch | None]:
+    def _way_out(self, group: Group, end: BranchEnd, direction: float) -> Exit:
         equations, others = group.equations, group.conditions[1:]
-        if end.kind != "limit_point":
-            return (Happening(end.kind, end.state),), None
+        if end.kind != EventKind.LIMIT_POINT:
+            return Exit(EventKind(end.kind), end.state)
         if is_fold(equations, end.state):
             escape = escape_direction(equations, end.state, direction)
             rest = flow.snap(equations, others, end.state, escape, self.effort)
-            found = arrivals(equations, "limit_point", end.state, rest)
-            return found, None if rest.end is not None else self.branch_at(group, rest.state)
+            return self._arriving(group, EventKind.LIMIT_POINT, end.state, rest)
         return self._past_branch_point(group, end.state, direction)
 
-    def _past_branch_point(
-        self, group: Group, point: FloatArray, direction: float
-    ) -> tuple[tuple[Happening, ...], Branch | None]:
+    def _arriving(self, group: Group, kind: EventKind, before: FloatArray, rest: flow.Rest) -> Exit:
+        """Off a branch and, where the flow comes to rest, onto another."""
+        onward = None if rest.end is not None else self.branch_at(group, rest.state)
+        return Exit(kind, before, rest, _lost(group.equations, before, rest), onward)
+
+    def _past_branch_point(self, group: Group, point: FloatArray, direction: float) -> Exit:
         """How it goes on from a branch point: gradually along another branch, or by a snap.
 
         Of the unstable directions, equal by symmetry, the one in which the first balloon concerned grows.
         """
         equations, others = group.equations, group.conditions[1:]
-        here = (Happening("branch_point", point, point, 0.0),)
+        here = Exit(EventKind.BRANCH_POINT, point, flow.Rest(point, None))
         known = self.branches[equations]
         for branch in known:
             # Where the history came from when it passed here in the other sense.
             end = branch.upper if direction < 0.0 else branch.lower
             if end is not None and np.abs(end.state - point).max() < 1e-7 and branch.states.shape[1] > 1:
-                return here, branch
+                return replace(here, onward=branch)
         escape = parting_direction(equations, point)
         for sense in (escape, -escape):
             gradual = Branch.leaving(equations, group.conditions, point, sense, direction)
             if gradual is not None:
                 known.append(gradual)
-                return here, gradual
+                return replace(here, onward=gradual)
         # The branch goes back in v and is unstable; seen from there the state at this v is carried away.
         start = beside(equations, point, escape)[0][:, 0]
         start[-1] = point[-1]
         rest = flow.relax(equations, others, start, self.effort, tight=True)
-        found = arrivals(equations, "branch_point", point, rest)
-        return found, None if rest.end is not None else self.branch_at(group, rest.state)
+        return self._arriving(group, EventKind.BRANCH_POINT, point, rest)
 
-    def settle(
-        self, group: Group, kind: str, start: FloatArray, before: FloatArray, *, tight: bool = False
-    ) -> Turn:
-        """A change at once: the flow from `start`, no equilibrium; `before` is the state recorded."""
+    def settle(self, group: Group, start: FloatArray, before: FloatArray, *, tight: bool = False) -> Exit:
+        """A change at once, by the flow from `start`, which is no equilibrium.
+
+        Parameters
+        ----------
+        group : Group
+        start, before : (n_unknowns,) arrays
+            Where the flow starts, and the state that is recorded.
+        tight : bool
+            Integrate tightly from the start.
+        """
         equations, others = group.equations, group.conditions[1:]
         broken = [c.kind for c in others if c.margin(start.tolist()) < 0.0]
         if broken:
-            return Turn(0.0, (Happening(kind, before, start, 0.0), Happening(broken[0], start)), None)
+            # The pressure of a liquid has changed with the voltage.
+            at_once = flow.Rest(np.array(equations.admitted(start.tolist())), broken[0])
+            return Exit(EventKind.JUMP, before, at_once, _lost(equations, before, at_once), set_out=start)
         rest = flow.relax(equations, others, start, self.effort, tight=tight)
-        return Turn(0.0, arrivals(equations, kind, before, rest), None)
+        return Exit(EventKind.JUMP, before, rest, _lost(equations, before, rest), set_out=start)
 
 
-def arrivals(
-    equations: AnyEquations, kind: str, before: FloatArray, rest: flow.Rest
-) -> tuple[Happening, ...]:
-    """A flow as happenings: the jump, and what ended it on the way, if anything did."""
-    if rest.end == "runaway":
-        return (Happening(kind, before), Happening("runaway", before))
-    lost = float(equations.potential(before.tolist())) - float(equations.potential(rest.state.tolist()))
-    jump = Happening(kind, before, rest.state, lost)
-    return (jump,) if rest.end is None else (jump, Happening(rest.end, rest.state))
+def _lost(equations: AnyEquations, before: FloatArray, rest: flow.Rest) -> float:
+    """What the potential loses in a flow; of one without an end, nothing is booked."""
+    if rest.end == EventKind.RUNAWAY:
+        return 0.0
+    return float(equations.potential(before.tolist())) - float(equations.potential(rest.state.tolist()))
 
 
 def loses_tension(equations: AnyEquations, state: FloatArray, target: float) -> bool:
@@ -204,13 +244,20 @@ def is_slack(equations: AnyEquations, state: FloatArray) -> bool:
     return equations.has_pressure and float(equations.admitted(state.tolist())[-2]) < 0.0
 
 
-def by_time(walks: Sequence[Walk], resolution: float) -> list[tuple[float, dict[int, Turn]]]:
-    """The turns of all walks in order of time, those of one instant together, keyed by the walk's place."""
-    merged: list[tuple[float, dict[int, Turn]]] = []
-    turns = [(turn.fraction, place, turn) for place, walk in enumerate(walks) for turn in walk.turns]
-    for fraction, place, turn in sorted(turns, key=lambda item: item[0]):
+def by_time(responses: Sequence[Response], resolution: float) -> list[tuple[float, dict[int, Exit]]]:
+    """All exits in order of time, those of one instant together, keyed by the place of their response.
+
+    Parameters
+    ----------
+    responses : sequence of Response
+    resolution : float
+        Fractions of the leg closer than this are one instant.
+    """
+    merged: list[tuple[float, dict[int, Exit]]] = []
+    found = [(exit.fraction, place, exit) for place, one in enumerate(responses) for exit in one.exits]
+    for fraction, place, exit in sorted(found, key=lambda item: item[0]):
         if merged and fraction - merged[-1][0] <= resolution and place not in merged[-1][1]:
-            merged[-1][1][place] = turn
+            merged[-1][1][place] = exit
         else:
-            merged.append((fraction, {place: turn}))
+            merged.append((fraction, {place: exit}))
     return merged

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from simulator import units
-from simulator.model import groups
 from simulator.model.device import Device
 from simulator.model.strength import PowerStrength
-from simulator.scenario import Charge, Hold, Inflate, Jump, Ramp, duration, until_of
+from simulator.scenario import Charge, Hold, Inflate, Jump, duration, until_of
 from simulator.simulation import motion
 
 if TYPE_CHECKING:
@@ -76,26 +75,10 @@ def assembled(scenario: Scenario) -> Iterator[Assembled]:
         legs = motion.motion(step, scenario.electroded, source, pressure)
         ways: dict[Way, list[Group]] = {}
         for leg in legs:
-            moves = (
-                scenario.dynamics is not None
-                or isinstance(step, Jump)
-                or bool((leg.waveform.values != leg.waveform.values[0]).any())
-            )
-            if not moves:
-                ways.setdefault(leg.way, [])
-            elif not ways.get(leg.way):
-                if isinstance(step, Inflate):
-                    ways[leg.way] = groups.inflating(device, leg.way)
-                elif scenario.dynamics is not None:
-                    ways[leg.way] = (
-                        groups.held_open(device, leg.way, pressure=pressure)
-                        if step.valve == "open"
-                        else [groups.held(device, leg.way, gas=some_gas)]
-                    )
-                elif step.valve == "open":
-                    ways[leg.way] = groups.actuated_open(device, leg.way, pressure=pressure)
-                else:
-                    ways[leg.way] = groups.actuated(device, leg.way, gas=some_gas)
+            contents = None if motion.opens_valve(step) else some_gas
+            moving = motion.moving(scenario, device, step, leg, pressure, contents)
+            if moving or leg.way not in ways:
+                ways[leg.way] = moving
         yield Assembled(step, legs, ways, source.voltage)
         if isinstance(step, Inflate):
             pressure = step.inflate
@@ -133,7 +116,7 @@ def _lines(scenario: Scenario) -> Iterator[str]:
         if number > _MOST_STEPS:
             yield f"  … and {total - _MOST_STEPS} more steps"
             break
-        opens = isinstance(step, Inflate) or step.valve == "open"
+        opens = motion.opens_valve(step)
         # Of waves by name a leg in which most move stands for all.
         groups = ways[max(ways, key=lambda way: sum(way.moves))]
         pieces = sum(leg.waveform.fractions.size - 1 for leg in legs)
@@ -144,8 +127,8 @@ def _lines(scenario: Scenario) -> Iterator[str]:
             ends = " or ".join(Watch.over(until, device).labels)
             yield f"     until      {ends}: the step ends there, if that comes first"
         begins = legs[0].way.at(float(legs[0].waveform.values[0]))
-        stays = isinstance(step, Inflate | Hold | Jump | Ramp | Charge)
-        if not stays and np.abs(begins - before).max() > _SAME_VOLTAGE:
+        wave = motion.begins_by_jump(step) and not isinstance(step, Jump)
+        if wave and np.abs(begins - before).max() > _SAME_VOLTAGE:
             to = ", ".join(f"{v:g}" for v in dict.fromkeys(begins.tolist()))
             yield f"     begins by a jump of the voltage to {to}, as a jump step does"
         if opens and not was_open and not isinstance(step, Inflate) and number > 1:

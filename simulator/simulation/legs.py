@@ -1,4 +1,4 @@
-"""The way through a step: its legs, one after the other, walked by all that moves in them."""
+"""The legs of a step, one after the other, with the response of all that moves in them."""
 
 from __future__ import annotations
 
@@ -11,34 +11,35 @@ from numpy.typing import NDArray
 
 from simulator.model.drive import Leg
 from simulator.model.groups import Group
-from simulator.simulation.atlas import Atlas, Walk
+from simulator.simulation.atlas import Atlas, Response
+from simulator.simulation.present import unknowns_of
 
 if TYPE_CHECKING:
-    from simulator.simulation.until import Stop, Watch
+    from simulator.simulation.until import EarlyEnd, Watch
 
 FloatArray = NDArray[np.float64]
 
-SAME_INSTANT = 1e-12  # fractions of a step closer than this are one
+SAME_INSTANT = 1e-12  # fractions of a leg closer than this are one
 
 
 @dataclass(frozen=True)
-class Course:
-    """A leg of a step as it is walked, and where in it the step ends early, if it does."""
+class PlayedLeg:
+    """A leg of a step, the response to it, and where in it the step ends early, if it does."""
 
     leg: Leg
-    walks: tuple[Walk, ...]
-    stop: Stop | None
+    responses: tuple[Response, ...]
+    early_end: EarlyEnd | None
 
 
-def courses(
+def played_legs(
     atlas: Atlas,
     legs: Sequence[Leg],
     groups_of: Callable[[Leg], list[Group]],
     stretch: FloatArray,
     pressure: float,
     watch: Watch | None,
-) -> Iterator[Course]:
-    """The legs of a step, walked; none after the one in which the step or the history ends.
+) -> Iterator[PlayedLeg]:
+    """The legs of a step with their responses; none after the one in which the step or the history ends.
 
     Parameters
     ----------
@@ -54,28 +55,22 @@ def courses(
     """
     for leg in legs:
         values = leg.waveform.values
-        groups = [] if np.all(values == values[0]) else groups_of(leg)
-        starts = [state_of(group, stretch, pressure, float(values[0])) for group in groups]
-        walks = [atlas.walk(group, y, leg.waveform) for group, y in zip(groups, starts, strict=True)]
-        stop = None
+        groups = groups_of(leg)
+        starts = [unknowns_of(group, stretch, pressure, float(values[0])) for group in groups]
+        responses = [atlas.response(g, y, leg.waveform) for g, y in zip(groups, starts, strict=True)]
+        early_end = None
         if watch is not None:
-            from simulator.simulation.until import first_stop  # a run without `until` does without
+            from simulator.simulation.until import first_end  # a run without `until` does without
 
-            stop, walks = first_stop(watch, walks, leg.waveform, SAME_INSTANT)
-        yield Course(leg, tuple(walks), stop)
-        if stop is not None or leg is legs[-1]:
+            early_end, responses = first_end(watch, responses, leg.waveform, SAME_INSTANT)
+        yield PlayedLeg(leg, tuple(responses), early_end)
+        if early_end is not None or leg is legs[-1]:
             return
         stretch = stretch.copy()
-        for walk in walks:
-            branch = walk.turns[-1].onward if walk.turns else walk.branch
-            if branch is None or walk.failure is not None:
+        for response in responses:
+            branch = response.exits[-1].onward if response.exits else response.branch
+            if branch is None or response.failure is not None:
                 return
             end = branch.state_at(float(values[-1]))
-            stretch[list(walk.group.members)] = end[: len(walk.group.members)]
-            pressure = float(walk.group.equations.pressure(end.tolist()))
-
-
-def state_of(group: Group, stretch: FloatArray, pressure: float, v: float) -> FloatArray:
-    """A state of the device as a group's unknowns, at drive coordinate v."""
-    stretches = stretch[list(group.members)]
-    return np.array([*stretches, pressure, v] if group.equations.has_pressure else [*stretches, v])
+            stretch[list(response.group.members)] = end[: len(response.group.members)]
+            pressure = float(response.group.equations.pressure(end.tolist()))

@@ -1,4 +1,4 @@
-"""How a step moves the drive: its legs, from the present voltages, charges and pressure on."""
+"""How a step moves the drive, and which sets of equations move with it."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from simulator.model import drive
-from simulator.model.drive import Leg, Quantity, VoltageLine
+from simulator.model import drive, groups
+from simulator.model.drive import Leg, Quantity, VoltageLine, Way
 from simulator.scenario import (
     Charge,
     Hold,
@@ -24,7 +24,10 @@ from simulator.scenario import (
 )
 
 if TYPE_CHECKING:
-    from simulator.scenario import PlayedStep
+    from simulator.model.contents import Contents
+    from simulator.model.device import Device
+    from simulator.model.groups import Group
+    from simulator.scenario import PlayedStep, Scenario
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,56 @@ def given_by(step: PlayedStep) -> Quantity | None:
     if isinstance(step, Inflate | Hold):
         return None
     return "charge" if isinstance(step, Charge) else "voltage"
+
+
+def opens_valve(step: PlayedStep) -> bool:
+    """Whether the valve is open during a step."""
+    return isinstance(step, Inflate) or step.valve == "open"
+
+
+def begins_by_jump(step: PlayedStep) -> bool:
+    """Whether a step sets the voltages to its first value at once; ramps begin where they are."""
+    return not isinstance(step, Inflate | Hold | Ramp | Charge)
+
+
+def moving(
+    scenario: Scenario, device: Device, step: PlayedStep, leg: Leg, pressure: float, contents: Contents | None
+) -> list[Group]:
+    """The sets of equations that move along a leg of a step; none where nothing moves.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        With `[dynamics]` all balloons move, whatever the drive does.
+    device : Device
+    step : PlayedStep
+    leg : Leg
+    pressure : float
+        The one that is kept where the valve is open.
+    contents : Contents or None
+        The gas or liquid that the balloons share; None where the valve is open.
+    """
+    values = leg.waveform.values
+    in_real_time = scenario.dynamics is not None
+    if not in_real_time and not isinstance(step, Jump) and (values == values[0]).all():
+        return []
+    if isinstance(step, Inflate):
+        return groups.inflating(device, leg.way)
+    return (all_balloons if in_real_time else driven)(device, leg.way, pressure, contents)
+
+
+def driven(device: Device, way: Way, pressure: float, contents: Contents | None) -> list[Group]:
+    """The sets of equations that voltages (or charges) along a way move; see `moving`."""
+    if contents is None:
+        return groups.actuated_open(device, way, pressure=pressure)
+    return groups.actuated(device, way, gas=contents)
+
+
+def all_balloons(device: Device, way: Way, pressure: float, contents: Contents | None) -> list[Group]:
+    """The sets of equations of all balloons, whether their voltages move or not; see `moving`."""
+    if contents is None:
+        return groups.held_open(device, way, pressure=pressure)
+    return [groups.held(device, way, gas=contents)]
 
 
 def motion(

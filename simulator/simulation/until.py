@@ -1,7 +1,7 @@
 """Where a step ends before its time: the first state on its way in which a quantity takes a value.
 
-The branches of a step are known before its samples are read (`walk`). So nothing is integrated anew: along
-each stay on a branch the quantity is looked at in polished states, its sign changes are bracketed (a dip
+The branches of a step are known before its samples are read (`atlas`). So nothing is integrated anew: along
+each branch the quantity is looked at in polished states, its sign changes are bracketed (a dip
 between samples is followed to its bottom), and the state itself is Newton's on [residual, quantity] = 0.
 A value that a snap passes over ends the step when the snap has landed.
 """
@@ -15,13 +15,15 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.events import EventKind
 from simulator.model.conditions import Condition, gradient
 from simulator.model.device import Device
 from simulator.model.drive import Waveform
 from simulator.model.elastomers import Number
 from simulator.model.equations import State
 from simulator.model.groups import Group
-from simulator.simulation.atlas import Turn, Walk
+from simulator.simulation.atlas import Exit, Response
+from simulator.simulation.present import Present
 from simulator.solver import newton
 from simulator.solver.branch import Branch
 from simulator.solver.follow import PathError
@@ -39,7 +41,7 @@ _MOST_HALVINGS = 60
 
 
 @dataclass(frozen=True)
-class Quantity:
+class WatchedValue:
     """A stretch, a true field (its size) or the pressure, and the value at which it ends a step."""
 
     kind: Literal["stretch", "pressure", "field"]
@@ -47,14 +49,16 @@ class Quantity:
     value: float
     label: str
 
-    def distance(self, device: Device, stretch: FloatArray, pressure: float, voltage: FloatArray) -> float:
+    def distance(self, present: Present) -> float:
         """How far the device is from the value, relatively; the sign says on which side."""
         if self.kind == "pressure":
-            return pressure / self.value - 1.0
+            return present.pressure / self.value - 1.0
         if self.kind == "stretch":
-            return float(stretch[self.balloon]) / self.value - 1.0
+            return float(present.stretch[self.balloon]) / self.value - 1.0
+        device = present.device
         place = device.electroded.index(self.balloon)
-        return float((device.field(stretch[None], voltage[None])[0, place] / self.value) ** 2 - 1.0)
+        field = device.field(present.stretch[None], present.voltage[None])[0, place]
+        return float((field / self.value) ** 2 - 1.0)
 
     def of(self, group: Group) -> Callable[[State], Number] | None:
         """The same distance from a group's unknowns; None where the group does not move it."""
@@ -79,15 +83,15 @@ def _told(value: float) -> str:
 
 @dataclass(frozen=True)
 class Watch:
-    """What ends a step: quantities that take a value, and, if asked for, a limit point."""
+    """What ends a step: values that are taken, and, if asked for, a limit point."""
 
-    quantities: tuple[Quantity, ...]
+    values: tuple[WatchedValue, ...]
     limit_point: bool
 
     @classmethod
     def over(cls, until: Until, device: Device) -> Watch:
         """What a scenario's `until` names."""
-        found: list[Quantity] = []
+        found: list[WatchedValue] = []
         kinds: tuple[tuple[Literal["stretch", "field"], float | dict[str, float] | None], ...] = (
             ("stretch", until.stretch),
             ("field", until.field),
@@ -98,22 +102,39 @@ class Watch:
             by_name = wanted if isinstance(wanted, dict) else {device.names[device.electroded[0]]: wanted}
             for name, value in by_name.items():
                 label = f"{kind}_{name} = {_told(value)}"
-                found.append(Quantity(kind, device.names.index(name), value, label))
+                found.append(WatchedValue(kind, device.names.index(name), value, label))
         if until.pressure is not None:
-            found.append(Quantity("pressure", -1, until.pressure, f"pressure = {_told(until.pressure)}"))
-        return cls(tuple(found), until.event == "limit_point")
+            found.append(WatchedValue("pressure", -1, until.pressure, f"pressure = {_told(until.pressure)}"))
+        return cls(tuple(found), until.event is not None)
+
+    def distances(self, present: Present) -> list[float]:
+        """How far the device is from each value."""
+        return [value.distance(present) for value in self.values]
+
+    def passed(self, before: Sequence[float], after: Sequence[float]) -> str | None:
+        """The first value between two sets of distances, by its label: one that a jump has passed over."""
+        pairs = zip(self.values, before, after, strict=True)
+        return next((value.label for value, a, b in pairs if a * b < 0.0), None)
 
     @property
     def labels(self) -> tuple[str, ...]:
         """What it waits for, in words."""
-        return (*(["limit_point"] if self.limit_point else []), *(q.label for q in self.quantities))
+        turns = [EventKind.LIMIT_POINT.value] if self.limit_point else []
+        return (*turns, *(value.label for value in self.values))
 
 
 @dataclass(frozen=True)
-class Stop:
-    """Where a step ends: the fraction and the drive there, and what was reached.
+class EarlyEnd:
+    """Where a step ends before its time.
 
-    `state` are the place of a walk and its state, polished; None where the step ends at a turn.
+    Attributes
+    ----------
+    fraction, v : float
+        Of the leg, and the drive there.
+    reached : str
+        What was reached.
+    state : (int, (n_unknowns,) array) or None
+        The place of a response and its state, polished; None where the step ends after an exit.
     """
 
     fraction: float
@@ -123,110 +144,114 @@ class Stop:
 
 
 @dataclass(frozen=True)
-class _Stay:
-    """A stay on one branch, from one turn to the next: which it is, and its monotone legs."""
+class _OnBranch:
+    """A part of a response on one branch, from one exit to the next.
+
+    `pieces` are the monotone pieces of the waveform in it: which, and v at both ends.
+    """
 
     number: int
     branch: Branch
-    legs: tuple[tuple[int, float, float], ...]
-    turn: Turn | None
+    pieces: tuple[tuple[int, float, float], ...]
+    exit: Exit | None
 
 
-def first_stop(
-    watch: Watch, walks: Sequence[Walk], waveform: Waveform, resolution: float
-) -> tuple[Stop | None, list[Walk]]:
-    """The first stop on the way of some walks, and the walks as far as there.
+def first_end(
+    watch: Watch, responses: Sequence[Response], waveform: Waveform, resolution: float
+) -> tuple[EarlyEnd | None, list[Response]]:
+    """The first early end in some responses, and the responses as far as there.
 
     Parameters
     ----------
     watch : Watch
-    walks : sequence of Walk
-        Through the whole waveform.
+    responses : sequence of Response
+        To the whole waveform.
     waveform : Waveform
     resolution : float
         Fractions closer than this are one.
 
     Returns
     -------
-    stop : Stop or None
-        None where the step goes on to its end, or fails before it would stop.
-    walks : list of Walk
+    early_end : EarlyEnd or None
+        None where the step goes on to its end, or fails before it would end early.
+    responses : list of Response
     """
-    found: list[tuple[float, int, int, int, Stop]] = []
-    for place, walk in enumerate(walks):
+    found: list[tuple[float, int, int, int, EarlyEnd]] = []
+    for place, response in enumerate(responses):
         if watch.limit_point:
-            for number, turn in enumerate(walk.turns):
-                if any(happening.kind == "limit_point" for happening in turn.happenings):
-                    v = float(turn.happenings[0].before[-1])
-                    stop = Stop(turn.fraction, v, "limit_point", None)
-                    found.append((turn.fraction, 1, place, number + 1, stop))
+            for number, exit in enumerate(response.exits):
+                if exit.kind is EventKind.LIMIT_POINT:
+                    end = EarlyEnd(exit.fraction, float(exit.before[-1]), exit.kind.value, None)
+                    found.append((exit.fraction, 1, place, number + 1, end))
                     break
-        for quantity in watch.quantities:
-            margin = quantity.of(walk.group)
-            passage = _passage(walk, waveform, margin, quantity.label) if margin else None
+        for value in watch.values:
+            margin = value.of(response.group)
+            passage = _passage(response, waveform, margin, value.label) if margin else None
             if passage is not None:
-                fraction, v, state, turns = passage
-                reached = Stop(fraction, v, quantity.label, None if state is None else (place, state))
-                found.append((fraction, 0 if state is not None else 1, place, turns, reached))
+                fraction, v, state, exits = passage
+                reached = EarlyEnd(fraction, v, value.label, None if state is None else (place, state))
+                found.append((fraction, 0 if state is not None else 1, place, exits, reached))
     if not found:
-        return None, list(walks)
-    _, at_turn, owner, turns, stop = min(found, key=lambda candidate: candidate[:4])
-    latest = stop.fraction + (resolution if at_turn else 0.0)
+        return None, list(responses)
+    _, after_exit, owner, exits, early_end = min(found, key=lambda candidate: candidate[:4])
+    latest = early_end.fraction + (resolution if after_exit else 0.0)
     cut = [
-        _until(walk, waveform, stop, turns if place == owner else None, latest)
-        for place, walk in enumerate(walks)
+        _up_to(response, waveform, early_end, exits if place == owner else None, latest)
+        for place, response in enumerate(responses)
     ]
-    if any(walk.failure is not None for walk in cut):
-        return None, list(walks)
-    return stop, cut
+    if any(response.failure is not None for response in cut):
+        return None, list(responses)
+    return early_end, cut
 
 
-def _until(walk: Walk, waveform: Waveform, stop: Stop, turns: int | None, latest: float) -> Walk:
-    """A walk as far as a stop; its failure is kept if that came before."""
-    count = sum(turn.fraction <= latest for turn in walk.turns) if turns is None else turns
-    cut = replace(walk, turns=walk.turns[:count], failure=None)
-    if turns is None and walk.failure is not None and count == len(walk.turns):
-        *_, last = _stays(walk, waveform)
+def _up_to(
+    response: Response, waveform: Waveform, end: EarlyEnd, exits: int | None, latest: float
+) -> Response:
+    """A response as far as an early end; its failure is kept if that came before."""
+    count = sum(exit.fraction <= latest for exit in response.exits) if exits is None else exits
+    cut = replace(response, exits=response.exits[:count], failure=None)
+    if exits is None and response.failure is not None and count == len(response.exits):
+        *_, last = _branches(response, waveform)
         low, high = last.branch.known_range()
-        inside = waveform.fractions < stop.fraction
-        passed = [stop.v, *waveform.values[inside & (waveform.fractions > _since(walk))]]
+        inside = waveform.fractions < end.fraction
+        since = response.exits[-1].fraction if response.exits else 0.0
+        passed = [end.v, *waveform.values[inside & (waveform.fractions > since)]]
         if not all(low <= v <= high for v in passed):
-            return walk
+            return response
     return cut
 
 
-def _since(walk: Walk) -> float:
-    return walk.turns[-1].fraction if walk.turns else 0.0
-
-
-def _stays(walk: Walk, waveform: Waveform) -> Iterator[_Stay]:
-    """The stays of a walk on its branches, in order."""
-    branch, since, v = walk.branch, 0.0, float(waveform.values[0])
-    for number in range(len(walk.turns) + 1):
+def _branches(response: Response, waveform: Waveform) -> Iterator[_OnBranch]:
+    """The parts of a response on its branches, in order."""
+    branch, since, v = response.branch, 0.0, float(waveform.values[0])
+    for number in range(len(response.exits) + 1):
         if branch is None:
             return
-        turn = walk.turns[number] if number < len(walk.turns) else None
-        end = 1.0 if turn is None else turn.fraction
-        target = float(waveform.values[-1]) if turn is None else float(turn.happenings[0].before[-1])
+        exit = response.exits[number] if number < len(response.exits) else None
+        end = 1.0 if exit is None else exit.fraction
+        target = float(waveform.values[-1]) if exit is None else float(exit.before[-1])
         first = int(np.searchsorted(waveform.fractions[:-1], since, side="right")) - 1
         last = max(int(np.searchsorted(waveform.fractions, end, side="left")) - 1, first)
         corners = [v, *waveform.values[first + 1 : last + 1].tolist(), target]
-        legs = [(first + i, corners[i], corners[i + 1]) for i in range(len(corners) - 1)]
-        yield _Stay(number, branch, tuple(leg for leg in legs if leg[1] != leg[2]), turn)
-        if turn is not None:
-            branch, since, v = turn.onward, turn.fraction, target
+        pieces = [(first + i, corners[i], corners[i + 1]) for i in range(len(corners) - 1)]
+        yield _OnBranch(number, branch, tuple(piece for piece in pieces if piece[1] != piece[2]), exit)
+        if exit is not None:
+            branch, since, v = exit.onward, exit.fraction, target
 
 
 def _passage(
-    walk: Walk, waveform: Waveform, margin: Callable[[State], Number], label: str
+    response: Response, waveform: Waveform, margin: Callable[[State], Number], label: str
 ) -> tuple[float, float, FloatArray | None, int] | None:
-    """Where a margin first vanishes on a walk: fraction, v, state (None at a turn), turns up to there."""
+    """Where a margin first vanishes in a response.
+
+    Fraction, v, the state (None after an exit), and the number of exits up to there.
+    """
     condition = Condition(label, margin, lambda y: gradient(margin, y))
     side = 0.0
-    for stay in _stays(walk, waveform):
-        branch = stay.branch
+    for part in _branches(response, waveform):
+        branch = part.branch
         searched: tuple[float, float] | None = None
-        for leg, start, end in stay.legs:
+        for piece, start, end in part.pieces:
             known = branch.states[-1, 0], branch.states[-1, -1]
             start, target = (min(max(v, known[0]), known[1]) for v in (start, end))
             if searched is not None:
@@ -235,17 +260,15 @@ def _passage(
             if start != target:
                 state, side = _crossing(branch, condition, start, target, side)
                 if state is not None:
-                    return waveform.when(leg, float(state[-1])), float(state[-1]), state, stay.number
+                    return waveform.when(piece, float(state[-1])), float(state[-1]), state, part.number
             ends = (start, target) if searched is None else (*searched, target)
             searched = min(ends), max(ends)
-        if stay.turn is None:
+        if part.exit is None or part.exit.landing is None:
             return None
-        after = stay.turn.happenings[-1].after
-        if after is None:
-            return None
-        beyond = float(margin(after.tolist()))
+        landing = part.exit.landing
+        beyond = float(margin(landing.tolist()))
         if side * beyond <= 0.0 and side:
-            return stay.turn.fraction, float(after[-1]), None, stay.number + 1
+            return part.exit.fraction, float(landing[-1]), None, part.number + 1
         side = side or float(np.sign(beyond))
     return None
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from simulator import __version__
-from simulator.results.history import EventKind, Outcome
+from simulator.events import EventKind, Outcome
 from simulator.scenario import Inflate, ScenarioError, load_scenario
 from simulator.scenario.keys import with_values
 from simulator.simulation.run import SolverError, simulate

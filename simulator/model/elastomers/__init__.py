@@ -12,7 +12,7 @@ Every function takes a float, a complex number or an array of either, and return
 makes derivatives by complex step exact.
 
 - `law` is what the equations need to know of a material, and what follows from it;
-- `models` are the formulas, `chain` the eight-chain network, `tabulated` a measured curve;
+- `models` and `stiffening` are the formulas, `chain` the eight-chain network, `tabulated` a measured curve;
 - `checks` holds an object made elsewhere against what is asked of it.
 """
 
@@ -29,6 +29,7 @@ from simulator.model.elastomers.law import (
     tension_stiffness,
 )
 from simulator.model.elastomers.models import Gent, MooneyRivlin, NeoHookean, Ogden
+from simulator.model.elastomers.stiffening import Fung, GentGent, Yeoh
 
 if TYPE_CHECKING:
     from simulator.model.elastomers.tabulated import Tabulated
@@ -36,12 +37,15 @@ if TYPE_CHECKING:
 __all__ = [
     "ArrudaBoyce",
     "Elastomer",
+    "Fung",
     "Gent",
+    "GentGent",
     "MooneyRivlin",
     "NeoHookean",
     "Number",
     "Ogden",
     "Tabulated",
+    "Yeoh",
     "as_written",
     "largest_stretch",
     "tension_force",
@@ -74,6 +78,12 @@ def as_written(written: Any) -> Elastomer:
             return Ogden(law.mu, law.alpha)
         case "arruda-boyce":
             return ArrudaBoyce(law.lambda_L)
+        case "yeoh":
+            return Yeoh(law.C1, law.C2, law.C3)
+        case "gent-gent":
+            return GentGent(law.C1, law.C2, law.J_lim)
+        case "fung":
+            return Fung(law.b)
         case "tabulated":
             from simulator.model.elastomers.tabulated import Tabulated
 

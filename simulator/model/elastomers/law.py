@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any, Protocol
 
+import numpy as np
+
 # A float, a complex number or an array of either: the formulas are the same for all.
 Number = Any
 
@@ -63,3 +65,19 @@ def invariant_limit(excess: float) -> float:
         if abs(step) <= 1e-16 * x:
             break
     return math.sqrt(x)
+
+
+def exponential(power: Number) -> Number:
+    """e^x, inf where that is too large for a float."""
+    if isinstance(power, float):
+        return math.inf if power > 700.0 else math.exp(power)
+    with np.errstate(over="ignore"):
+        return np.exp(power)
+
+
+def exponential_less_one(power: Number) -> Number:
+    """e^x − 1 without cancellation at small x, inf where that is too large for a float."""
+    if isinstance(power, float):
+        return math.inf if power > 700.0 else math.expm1(power)
+    with np.errstate(over="ignore"):
+        return np.expm1(power)

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from simulator.model.elastomers.law import Number, invariant_limit
+from simulator.model.elastomers.law import Number, exponential, exponential_less_one, invariant_limit
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,9 @@ class Ogden:
         log = _log(stretch)
         out: Number = 0.0
         for mu, alpha in self._terms:
-            out = out + mu / alpha * (2.0 * _expm1(alpha * log) + _expm1(-2.0 * alpha * log))
+            out = out + mu / alpha * (
+                2.0 * exponential_less_one(alpha * log) + exponential_less_one(-2.0 * alpha * log)
+            )
         return out
 
     def pole_form(self, stretch: Number) -> tuple[Number, Number]:
@@ -187,7 +189,7 @@ class Ogden:
         log = _log(stretch)
         out: Number = 0.0
         for mu, alpha in self._terms:
-            rising, falling = _exp(alpha * log), _exp(-2.0 * alpha * log)
+            rising, falling = exponential(alpha * log), exponential(-2.0 * alpha * log)
             out = out + mu * ((alpha - 1.0) * rising + (2.0 * alpha + 1.0) * falling)
         return 2.0 * out / (stretch * stretch), 0.0
 
@@ -203,22 +205,8 @@ def _log(stretch: Number) -> Number:
 def _difference(power: Number) -> Number:
     """e^a − e^(−2a); without cancellation where both are near one."""
     if isinstance(power, float) and abs(power) > 0.3:
-        return _exp(power) - _exp(-2.0 * power)
-    near = _exp(-2.0 * power) * _expm1(3.0 * power)
+        return exponential(power) - exponential(-2.0 * power)
+    near = exponential(-2.0 * power) * exponential_less_one(3.0 * power)
     if isinstance(power, float):
         return near
-    return np.where(np.abs(np.real(power)) > 0.3, _exp(power) - _exp(-2.0 * power), near)
-
-
-def _expm1(power: Number) -> Number:
-    if isinstance(power, float):
-        return math.inf if power > 700.0 else math.expm1(power)
-    with np.errstate(over="ignore"):
-        return np.expm1(power)
-
-
-def _exp(power: Number) -> Number:
-    if isinstance(power, float):
-        return math.inf if power > 700.0 else math.exp(power)
-    with np.errstate(over="ignore"):
-        return np.exp(power)
+    return np.where(np.abs(np.real(power)) > 0.3, exponential(power) - exponential(-2.0 * power), near)

@@ -18,13 +18,12 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from simulator.results.history import EventKind, Outcome
+from simulator.events import WORDS, EventKind, Outcome
 from simulator.results.plot.quantities import Labels, add_stretch_axis, shown_history
 from simulator.results.plot.style import (
     BLACK,
     COLOURS,
     GREY,
-    WORDS,
     arrowhead,
     dress,
     mark,

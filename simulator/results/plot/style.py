@@ -5,7 +5,7 @@ from __future__ import annotations
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
-from simulator.results.history import EventKind
+from simulator.events import EventKind
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,8 +38,6 @@ MARKER_SIZES: dict[str, float] = {
     EventKind.BREAKDOWN: 6.5,
     "reached": 6.0,
 }
-
-WORDS = {kind: kind.value.replace("_", " ") for kind in EventKind} | {EventKind.JUMP: "voltage jump"}
 
 
 def png(figure: Figure, dots_per_inch: float = 150.0) -> bytes:

@@ -1,0 +1,62 @@
+"""What can happen to the balloons: the kinds of events, how they end a history, and their words.
+
+Every package names events by `EventKind`: a condition of the model that falls through zero, the end of a
+branch or of a flow in the solver, and the `Event` of a history, its row in a table and its mark in a picture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+from types import MappingProxyType
+
+
+class EventKind(StrEnum):
+    """What can happen on the way.
+
+    From the first three the balloons go on (with a snap, along another branch, or after a flow); the others
+    end a history.
+    """
+
+    LIMIT_POINT = "limit_point"
+    BRANCH_POINT = "branch_point"
+    JUMP = "jump"
+    LOSS_OF_TENSION = "loss_of_tension"
+    BREAKDOWN = "breakdown"
+    RUNAWAY = "runaway"
+    OUT_OF_RANGE = "out_of_range"  # a stretch beyond the curve that its elastomer was measured on
+
+
+class Outcome(StrEnum):
+    """How a history ended. Everything but `FAILED` is physics, and a result."""
+
+    COMPLETED = "completed"
+    LOSS_OF_TENSION = "loss_of_tension"
+    BREAKDOWN = "breakdown"
+    RUNAWAY = "runaway"
+    OUT_OF_RANGE = "out_of_range"
+    FAILED = "failed"  # the solver gave up; the history up to there is kept, as partial
+
+
+OUTCOMES: Mapping[EventKind, Outcome] = MappingProxyType(
+    {
+        EventKind.LOSS_OF_TENSION: Outcome.LOSS_OF_TENSION,
+        EventKind.BREAKDOWN: Outcome.BREAKDOWN,
+        EventKind.RUNAWAY: Outcome.RUNAWAY,
+        EventKind.OUT_OF_RANGE: Outcome.OUT_OF_RANGE,
+    }
+)
+"""The events that end a history, and the outcome that it then has."""
+
+WORDS: Mapping[EventKind, str] = MappingProxyType(
+    {
+        EventKind.LIMIT_POINT: "limit point",
+        EventKind.BRANCH_POINT: "branch point",
+        EventKind.JUMP: "voltage jump",
+        EventKind.LOSS_OF_TENSION: "loss of tension",
+        EventKind.BREAKDOWN: "breakdown",
+        EventKind.RUNAWAY: "runaway",
+        EventKind.OUT_OF_RANGE: "out of range",
+    }
+)
+"""What each kind is called where it is read, in legends and sentences."""

@@ -1,0 +1,104 @@
+"""The energy books of a run: what supplies delivered, what is stored, and what was lost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.model.device import Device
+from simulator.model.equations import Equations, OpenBalloon
+from simulator.results.history import EnergyBalance
+from simulator.solver.branch import Branch
+
+FloatArray = NDArray[np.float64]
+
+_WORK = 1e-8  # how well the work along a branch must agree with what is stored, relatively
+
+
+@dataclass
+class Books:
+    """Energies so far, in units of 4πR²Hμ; what each one is, `EnergyBalance` says."""
+
+    electrical_work: float = 0.0
+    gas_work: float = 0.0
+    stored: float = 0.0
+    dissipated: float = 0.0
+
+    def change_voltages(
+        self, device: Device, stretch: FloatArray, before: FloatArray, after: FloatArray
+    ) -> None:
+        """Book a change of the voltages at frozen stretches: all work of the supplies, ∫φ dq, is stored."""
+        unit = device.charge(stretch[None], np.ones((1, after.size)))[0]
+        work = 0.5 * float(unit @ (after**2 - before**2))
+        self.electrical_work += work
+        self.stored += work
+
+    def along_branch(self, branch: Branch | None, start: float, end: float) -> None:
+        """Book the way along a branch from one v to another: work by quadrature, storage by difference.
+
+        Raises
+        ------
+        ArithmeticError
+            If the two do not agree: the one is found along the path and the other at its ends, so a path
+            that is wrong shows here.
+        """
+        if branch is None or start == end:
+            return
+        equations = branch.equations
+        work = branch.work_between(start, end)
+        before, after = branch.state_at(start), branch.state_at(end)
+        first, last = (float(equations.potential(y.tolist())) for y in (before, after))
+        passed = float(np.abs(branch.work).sum()) + 1e-4 * max(abs(first), abs(last))
+        if abs(last - first + work) > _WORK * passed + np.finfo(float).tiny:
+            raise ArithmeticError(
+                f"the work along a branch, {work:.12g}, is not what the potential lost, {first - last:.12g}"
+            )
+        self.change(equations, before, after, work)
+
+    def at_once(self, equations: Equations, before: FloatArray, after: FloatArray, dissipated: float) -> None:
+        """Book a snap or the flow after a jump: the drive is frozen, the loss is what the potential lost."""
+        self.dissipated += dissipated
+        self.change(equations, before, after, 0.0)
+
+    def change(self, equations: Equations, before: FloatArray, after: FloatArray, work: float) -> None:
+        """Book a change of a group's state y, along which −∂Π/∂v dv adds up to `work`."""
+        inflates = isinstance(equations, OpenBalloon) and equations.pressure_rate != 0.0
+        gas = work if inflates else 0.0
+        a, b = before.tolist(), after.tolist()
+        electric = equations.electric_supply(b) - equations.electric_supply(a)
+        supplied = equations.gas_supply(b) - equations.gas_supply(a)
+        # ∫φ dq = [φq] − ∫q dφ, and ∫p dV = [pV] − ∫V dp.
+        self.electrical_work += electric - (work - gas)
+        self.gas_work += supplied - gas
+        self.stored += float(equations.potential(b)) - float(equations.potential(a)) + electric + supplied
+
+    def balance(
+        self,
+        voltage: FloatArray,
+        charge: FloatArray,
+        pressure: FloatArray,
+        volume: FloatArray,
+        is_open: NDArray[np.bool_],
+    ) -> EnergyBalance:
+        """The balance, judged against ∫|φ dq| + ∫|p dV| as far as n samples show it.
+
+        Parameters
+        ----------
+        voltage, charge : (n, n_electroded) arrays
+        pressure, volume : (n,) arrays
+        is_open : (n,) array of bool
+        """
+        electrical = 0.5 * np.abs((voltage[1:] + voltage[:-1]) * np.diff(charge, axis=0)).sum()
+        supplied = 0.5 * np.abs((pressure[1:] + pressure[:-1]) * np.diff(volume))[is_open[1:]].sum()
+        # Few samples show little of it; what was booked is a bound from below.
+        booked = abs(self.electrical_work) + abs(self.gas_work) + self.dissipated
+        return EnergyBalance(
+            self.electrical_work,
+            self.gas_work,
+            self.stored,
+            self.dissipated,
+            self.electrical_work + self.gas_work - self.stored - self.dissipated,
+            float(max(electrical + supplied, booked)),
+        )

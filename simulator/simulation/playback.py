@@ -1,0 +1,178 @@
+"""Samples and events of a leg, read off the responses to it in order of time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.events import EventKind
+from simulator.model.drive import Waveform, Way
+from simulator.model.groups import Group
+from simulator.simulation.atlas import Exit, by_time
+from simulator.simulation.books import Books
+from simulator.simulation.legs import SAME_INSTANT, PlayedLeg
+from simulator.simulation.recorder import Recorder
+from simulator.solver.branch import Branch
+
+FloatArray = NDArray[np.float64]
+
+
+def record_exits(
+    record: Recorder,
+    books: Books,
+    groups: Sequence[Group],
+    way: Way,
+    exits: Mapping[int, Exit],
+    states: Sequence[FloatArray],
+) -> None:
+    """Record how some groups leave their states at one instant; the others stay.
+
+    Parameters
+    ----------
+    record, books
+        Added to.
+    groups : sequence of Group
+    way : VoltageLine or VoltageCurve
+        That v is the coordinate of.
+    exits : mapping of int to Exit
+        By the group's place.
+    states : sequence of (n_unknowns,) arrays
+        The state y of each group before.
+    """
+    states = list(states)
+    before = record.present.at_instant(groups, way, states)
+    # One balloon may end the history while another only snaps: the end is what is recorded.
+    last = [exit for exit in exits.values() if exit.rest is None or exit.runs_away]
+    if last:
+        record.event(last[0].kind, before)
+    else:
+        for place, exit in exits.items():
+            assert exit.rest is not None
+            states[place] = exit.rest.state
+            books.at_once(groups[place].equations, exit.before, exit.rest.state, exit.dissipated)
+        kind = next(iter(exits.values())).kind
+        after = record.present.at_instant(groups, way, states)
+        record.event(kind, before, after, sum(exit.dissipated for exit in exits.values()))
+    # What ended a flow on its way.
+    ends = [exit.rest.end for exit in exits.values() if exit.rest is not None and exit.rest.end is not None]
+    if ends and not record.ended:
+        record.event(EventKind(ends[0]), record.present.at_instant(groups, way, states))
+
+
+class Playback:
+    """One leg of a step as it is read, from its start to its end.
+
+    Parameters
+    ----------
+    record, books
+        Added to.
+    played : PlayedLeg
+    start, lasts : float
+        When the leg begins, and how long it takes.
+    """
+
+    def __init__(self, record: Recorder, books: Books, played: PlayedLeg, start: float, lasts: float) -> None:
+        self.record, self.books, self.played = record, books, played
+        self.start, self.lasts = start, lasts
+        self.groups = [response.group for response in played.responses]
+        self.v = float(played.leg.waveform.values[0])
+        self.passed = 0.0  # fraction of the leg up to which all is recorded
+        # On which branch each group is, and from which v on.
+        self.branches: list[Branch | None] = [response.branch for response in played.responses]
+        self.since = [self.v] * len(self.groups)
+
+    def play(self, fractions: FloatArray) -> None:
+        """Record the leg, with samples at some fractions of it.
+
+        Raises
+        ------
+        ArithmeticError, LinAlgError
+            Where a response could not be found to its end, once all before that is recorded.
+        """
+        for fraction, exits in by_time(self.played.responses, SAME_INSTANT):
+            between = (fractions > self.passed + SAME_INSTANT) & (fractions < fraction - SAME_INSTANT)
+            self._samples(fractions[between])
+            self._exits(fraction, exits)
+            if self.record.ended:
+                for place in set(range(len(self.groups))) - set(exits):
+                    self._book(place)
+                return
+        rest = fractions[fractions > self.passed + SAME_INSTANT]
+        goes_on = self.played.early_end is None and self.waveform.values[-1] != self.v
+        if not rest.size and goes_on:
+            # However near an event was: what follows begins where this ends.
+            rest = fractions[fractions > 1.0 - SAME_INSTANT][-1:]
+        failure = next((one.failure for one in self.played.responses if one.failure is not None), None)
+        if failure is not None:
+            self._samples(rest[: _leading(rest, self.waveform, self.branches)])
+            self.record.present.time = float(self.record.rows.time[-1][-1])
+            raise failure
+        self._finish(rest, goes_on=bool(goes_on))
+
+    @property
+    def waveform(self) -> Waveform:
+        """How v moves in the leg."""
+        return self.played.leg.waveform
+
+    def _samples(self, fractions: FloatArray) -> None:
+        """Samples at some fractions, all groups staying on their branches."""
+        if not fractions.size:
+            return
+        v, way = self.waveform.at(fractions), self.played.leg.way
+        states = [branch.at(v) for branch in self.branches if branch is not None]
+        at = self.record.present.with_groups(self.groups, way, v, states)
+        self.record.samples(self.start + self.lasts * fractions, at)
+
+    def _exits(self, fraction: float, exits: Mapping[int, Exit]) -> None:
+        """What happens at one instant."""
+        self.passed = fraction
+        self.record.present.time = self.start + self.lasts * fraction
+        self.v = float(next(iter(exits.values())).before[-1])
+        states = [
+            self.record.present.unknowns(group, self.v) if branch is None else branch.state_at(self.v)
+            for group, branch in zip(self.groups, self.branches, strict=True)
+        ]
+        for place, exit in exits.items():
+            states[place] = exit.before
+            self._book(place)
+            self.branches[place], self.since[place] = exit.onward, self.v
+        record_exits(self.record, self.books, self.groups, self.played.leg.way, exits, states)
+
+    def _finish(self, fractions: FloatArray, *, goes_on: bool) -> None:
+        """From the last event to the end of the leg, or to where the step ends early."""
+        present, way, early = self.record.present, self.played.leg.way, self.played.early_end
+        end = early.state if early else None
+        self._samples(fractions if end is None else fractions[:-1])
+        self.v = early.v if early else float(self.waveform.values[-1])
+        for place in range(len(self.groups)):
+            self._book(place)
+        far = early.fraction if early else 1.0
+        present.time = self.start + self.lasts * far
+        if present.given == "charge":
+            present.charge = way.at(self.v)
+        noted = max(self.passed, float(fractions[-1]) if fractions.size else 0.0)
+        if end is not None or noted < far - SAME_INSTANT or (goes_on and not fractions.size):
+            states = [branch.state_at(self.v) for branch in self.branches if branch is not None]
+            if end is not None:
+                states[end[0]] = end[1]
+            at = [y[:, None] for y in states]
+            present.take(present.with_groups(self.groups, way, np.array([self.v]), at).last)
+        if end is not None:
+            self.record.sample_now()
+
+    def _book(self, place: int) -> None:
+        """Book the way of a group along its branch up to here."""
+        self.books.along_branch(self.branches[place], self.since[place], self.v)
+
+
+def _leading(fractions: FloatArray, waveform: Waveform, branches: Sequence[Branch | None]) -> int:
+    """How many of the fractions, from the first on, lie where all branches are known."""
+    v = waveform.at(fractions)
+    known = np.ones(v.size, dtype=bool)
+    for branch in branches:
+        if branch is not None:
+            low, high = branch.known_range()
+            known &= (v >= low) & (v <= high)
+    return int(v.size if known.all() else np.argmin(known))

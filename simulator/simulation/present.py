@@ -1,0 +1,171 @@
+"""Where the device is at one moment of a run, and what its electrodes and its valve are connected to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.model.contents import Contents
+from simulator.model.device import Device
+from simulator.model.drive import Quantity, Way
+from simulator.model.groups import Group
+from simulator.simulation.motion import Electrodes
+from simulator.solver.certify import ULPS
+
+FloatArray = NDArray[np.float64]
+
+
+class Snapshot(NamedTuple):
+    """A state of the whole device: stretches (n_balloons,), pressure, and voltages (n_electroded,)."""
+
+    stretch: FloatArray
+    pressure: float
+    voltage: FloatArray
+
+
+class Samples(NamedTuple):
+    """n states: stretches (n, n_balloons), pressures (n,), and voltages (n, n_electroded)."""
+
+    stretch: FloatArray
+    pressure: FloatArray
+    voltage: FloatArray
+
+    @property
+    def last(self) -> Snapshot:
+        """The last of them."""
+        return Snapshot(self.stretch[-1], float(self.pressure[-1]), self.voltage[-1])
+
+
+@dataclass
+class Present:
+    """The present state of a device, which changes as a run goes on.
+
+    Attributes
+    ----------
+    device : Device
+    stretch : (n_balloons,) array
+    pressure : float
+    voltage : (n_electroded,) array
+    charge : (n_electroded,) array
+        As it is given, where charges are given.
+    given : {"voltage", "charge"}
+        What the sources of the electrodes give.
+    valve_open : bool
+    sealed : Contents
+        The gas or liquid that was inside when the valve was last closed.
+    amount : float
+        How much that is.
+    time : float
+    step : int
+        Number of the step, from 1.
+    largest_voltage : float
+        That there has been so far: what rounding leaves of voltages is in proportion to it.
+    """
+
+    device: Device
+    stretch: FloatArray
+    pressure: float
+    voltage: FloatArray
+    charge: FloatArray
+    given: Quantity
+    valve_open: bool
+    sealed: Contents
+    amount: float
+    time: float
+    step: int
+    largest_voltage: float = 0.0
+
+    @classmethod
+    def unstretched(cls, device: Device) -> Present:
+        """Stress free at p = 0, the valve closed over whatever gas that is."""
+        ones, nothing = np.ones(len(device.names)), np.zeros(len(device.electroded))
+        sealed, amount = _sealed(device, ones, 0.0)
+        return cls(device, ones, 0.0, nothing, nothing, "voltage", False, sealed, amount, 0.0, 1)
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The state that it is in."""
+        return Snapshot(self.stretch, self.pressure, self.voltage)
+
+    @property
+    def contents(self) -> Contents | None:
+        """The gas or liquid that the balloons share; None while the valve is open."""
+        return None if self.valve_open else self.sealed
+
+    @property
+    def electrodes(self) -> Electrodes:
+        """The voltages and charges of the electrodes."""
+        charge = self.charge if self.given == "charge" else self._charges()
+        return Electrodes(self.voltage.tolist(), charge.tolist(), self.given)
+
+    def seal(self) -> None:
+        """Close the valve in the present state."""
+        self.sealed, self.amount = _sealed(self.device, self.stretch, self.pressure)
+
+    def connect(self, given: Quantity) -> bool:
+        """Put the electrodes on sources of voltage or of charge, which take over what is there.
+
+        Returns whether charges were given before, and now voltages are.
+        """
+        before, self.given = self.given, given
+        if given == "charge" and before == "voltage":
+            self.charge = self._charges()
+        return given == "voltage" and before == "charge"
+
+    def unknowns(self, group: Group, v: float) -> FloatArray:
+        """The present state as a group's unknowns y, at drive coordinate v."""
+        return unknowns_of(group, self.stretch, self.pressure, v)
+
+    def is_at(self, voltage: FloatArray) -> bool:
+        """Whether the voltages are these, but for the last digits of several that move along one way."""
+        largest = max(float(np.abs(voltage).max()), self.largest_voltage)
+        return bool(np.abs(voltage - self.voltage).max() <= ULPS * largest)
+
+    def take(self, state: Snapshot) -> None:
+        """Be in another state."""
+        self.stretch, self.pressure, self.voltage = state
+        self.largest_voltage = max(self.largest_voltage, float(np.abs(self.voltage).max(initial=0.0)))
+
+    def with_groups(
+        self, groups: Sequence[Group], way: Way, v: FloatArray, states: Sequence[FloatArray]
+    ) -> Samples:
+        """The device where some groups are in other states y; all other balloons stay as they are.
+
+        Parameters
+        ----------
+        groups : sequence of Group
+        way : VoltageLine or VoltageCurve
+            That v is the coordinate of.
+        v : (n,) array
+        states : sequence of (n_unknowns, n) arrays
+            For each group.
+        """
+        stretch = np.repeat(self.stretch[None], v.size, axis=0)
+        pressure = np.full(v.size, self.pressure)
+        for group, y in zip(groups, states, strict=True):
+            stretch[:, list(group.members)] = y[: len(group.members)].T
+            pressure[:] = group.equations.pressure(y)
+        return Samples(stretch, pressure, self.device.voltage(way, v, stretch))
+
+    def at_instant(self, groups: Sequence[Group], way: Way, states: Sequence[FloatArray]) -> Snapshot:
+        """As `with_groups`, for one state (n_unknowns,) of each group, all at the same v."""
+        return self.with_groups(groups, way, states[0][-1:], [y[:, None] for y in states]).last
+
+    def _charges(self) -> FloatArray:
+        return np.asarray(self.device.charge(self.stretch[None], self.voltage[None])[0])
+
+
+def unknowns_of(group: Group, stretch: FloatArray, pressure: float, v: float) -> FloatArray:
+    """A state of the device as a group's unknowns y, at drive coordinate v."""
+    stretches = stretch[list(group.members)]
+    return np.array([*stretches, pressure, v] if group.equations.has_pressure else [*stretches, v])
+
+
+def _sealed(device: Device, stretch: FloatArray, pressure: float) -> tuple[Contents, float]:
+    """What is inside when the valve is closed in a state, and how much."""
+    sealed = device.law.sealed(pressure, float(device.swelling(stretch[None])[0]))
+    return sealed, float(device.law.amount(pressure, float(device.volume(stretch[None])[0])))

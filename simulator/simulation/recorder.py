@@ -1,0 +1,183 @@
+"""The record of a run: samples and events as they come, and the history that they make."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.events import OUTCOMES, EventKind, Outcome
+from simulator.results.history import Event, History, SolverStatistics, Stop
+from simulator.simulation.present import Present, Samples, Snapshot
+
+if TYPE_CHECKING:
+    from simulator.scenario import Output, Scenario
+    from simulator.simulation.books import Books
+    from simulator.solver.follow import Effort
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass
+class Rows:
+    """Samples in chunks, each an array of n rows."""
+
+    time: list[FloatArray] = field(default_factory=list)
+    step: list[FloatArray] = field(default_factory=list)
+    branch: list[FloatArray] = field(default_factory=list)
+    stretch: list[FloatArray] = field(default_factory=list)
+    pressure: list[FloatArray] = field(default_factory=list)
+    voltage: list[FloatArray] = field(default_factory=list)
+    gas: list[FloatArray] = field(default_factory=list)
+    is_open: list[NDArray[np.bool_]] = field(default_factory=list)
+    charged: list[NDArray[np.bool_]] = field(default_factory=list)
+
+
+@dataclass
+class Recorder:
+    """What has been seen of a device so far. What is recorded last is where the device then is."""
+
+    present: Present
+    rows: Rows = field(default_factory=Rows)
+    events: list[Event] = field(default_factory=list)
+    stops: list[Stop] = field(default_factory=list)
+    jumps: int = 0  # events that the device went on from
+
+    @property
+    def outcome(self) -> Outcome:
+        """How the history has ended, `COMPLETED` while it has not."""
+        last = self.events[-1].kind if self.events else None
+        return Outcome.COMPLETED if last is None else OUTCOMES.get(last, Outcome.COMPLETED)
+
+    @property
+    def ended(self) -> bool:
+        """Whether an event has ended the history."""
+        return self.outcome is not Outcome.COMPLETED
+
+    def samples(self, times: FloatArray, states: Samples) -> None:
+        """Add n samples; the device is then where the last of them is."""
+        present, rows, count = self.present, self.rows, times.size
+        rows.time.append(times)
+        rows.step.append(np.full(count, present.step))
+        rows.branch.append(np.full(count, self.jumps))
+        rows.stretch.append(states.stretch)
+        rows.pressure.append(states.pressure)
+        rows.voltage.append(states.voltage)
+        law, volume = present.device.law, present.device.volume(states.stretch)
+        gas = law.amount(states.pressure, volume)
+        rows.gas.append(gas if present.valve_open else np.full(count, present.amount))
+        rows.is_open.append(np.full(count, present.valve_open))
+        rows.charged.append(np.full(count, present.given == "charge"))
+        present.take(states.last)
+
+    def sample_now(self) -> None:
+        """Add a sample of the present state."""
+        now = self.present
+        states = Samples(now.stretch[None], np.array([now.pressure]), now.voltage[None])
+        self.samples(np.array([now.time]), states)
+
+    def event(
+        self,
+        kind: EventKind,
+        before: Snapshot,
+        after: Snapshot | None = None,
+        dissipated: float | None = None,
+    ) -> None:
+        """Add an event of the present moment and the rows of its sides.
+
+        A row that is there already is not repeated.
+
+        Parameters
+        ----------
+        kind : EventKind
+        before : Snapshot
+        after : Snapshot, optional
+            Where the balloons are after a snap, a jump or at a branch point.
+        dissipated : float, optional
+            What the potential lost in between.
+        """
+        present, rows = self.present, self.rows
+        present.take(before)
+        if not (rows.time[-1][-1] == present.time and np.array_equal(rows.stretch[-1][-1], before.stretch)):
+            self.sample_now()
+        field_before = present.device.field(before.stretch[None], rows.voltage[-1][-1:])[0]
+        end = before if after is None else after
+        event = Event(
+            time=present.time,
+            step=present.step,
+            kind=kind,
+            voltage=end.voltage,
+            stretch_before=before.stretch,
+            stretch_after=None if after is None else after.stretch,
+            pressure_before=before.pressure,
+            pressure_after=None if after is None else after.pressure,
+            field_before=field_before,
+            field_after=None
+            if after is None
+            else present.device.field(after.stretch[None], after.voltage[None])[0],
+            dissipated=dissipated,
+        )
+        self.events.append(event)
+        if after is not None:
+            self.jumps += 1
+            present.take(after)
+            self.sample_now()
+
+    def history(
+        self, scenario: Scenario, books: Books, statistics: SolverStatistics, outcome: Outcome
+    ) -> History:
+        """The record so far, with everything derived from it."""
+        rows, device = self.rows, self.present.device
+        stretch, voltage = np.concatenate(rows.stretch), np.concatenate(rows.voltage)
+        pressure, gas = np.concatenate(rows.pressure), np.concatenate(rows.gas)
+        is_open, charged = np.concatenate(rows.is_open), np.concatenate(rows.charged)
+        volume, charge = device.volume(stretch), device.charge(stretch, voltage)
+        true_field, strength = device.field(stretch, voltage), device.breakdown_field(stretch)
+        return History(
+            scenario=scenario,
+            balloons=device.names,
+            electroded=scenario.electroded,
+            time=np.concatenate(rows.time),
+            step=np.concatenate(rows.step),
+            branch=np.concatenate(rows.branch),
+            voltage=voltage,
+            stretch=stretch,
+            pressure=pressure,
+            volume=volume,
+            gas=gas,
+            field=true_field,
+            charge=charge,
+            energy=device.energy(stretch, pressure, voltage, gas, is_open, charged),
+            stability=device.stability(stretch, pressure, voltage, is_open, charged),
+            events=tuple(self.events),
+            outcome=outcome,
+            energy_balance=books.balance(voltage, charge, pressure, volume, is_open),
+            statistics=statistics,
+            stops=tuple(self.stops),
+            rated=tuple(scenario.electroded[place] for place in device.rated),
+            strength=strength,
+            margin=1.0 - np.abs(true_field[:, list(device.rated)]) / strength,
+        )
+
+    def statistics(self, effort: Effort, branches: int, seconds: float) -> SolverStatistics:
+        """What the run has cost."""
+        return SolverStatistics(
+            effort.ida_solves,
+            effort.ida_steps,
+            effort.residual_calls,
+            effort.jacobian_calls,
+            branches,
+            sum(event.kind in (EventKind.LIMIT_POINT, EventKind.BRANCH_POINT) for event in self.events),
+            seconds,
+        )
+
+
+def sample_fractions(output: Output, lasts: float) -> FloatArray:
+    """Fractions of a step, 0 to 1, at which a scenario asks for samples if the step lasts so long."""
+    if output.every is None:
+        return np.linspace(0.0, 1.0, output.points)
+    count = int(np.floor(lasts / output.every * (1.0 + 1e-12)))
+    fractions = np.minimum(np.arange(count + 1) * (output.every / lasts), 1.0)
+    return fractions if fractions[-1] > 1.0 - 1e-9 else np.append(fractions, 1.0)
