@@ -41,6 +41,7 @@ FloatArray = NDArray[np.float64]
 
 _STEP = 1e-30
 _RTOL = 1e-5
+_NO_VOLTAGE = 1e-4  # a voltage this small where the parameter turns round is zero
 
 
 def fold(
@@ -323,7 +324,12 @@ def _end(
 ) -> tuple[FloatArray, str]:
     """The last point, polished, and what it is."""
     kinds: list[tuple[str, int | None, float]] = [("reached", -1, 0.0), ("cusp", None, 0.0)]
-    kind, place, _ = [*kinds, *problem.margins(found.tolist())][ended]
+    margins = problem.margins(found.tolist())
+    kind, place, _ = [*kinds, *margins][ended]
+    if kind == "cusp":
+        # The equations are even in the voltage: where it is zero the parameter turns round as well.
+        beside = (margin for margin in margins if margin[0] == "zero_voltage" and margin[2] < _NO_VOLTAGE)
+        kind, place, _ = next(beside, (kind, place, 0.0))
     if place is not None:
         guess, normal = found.copy(), np.zeros(found.size)
         guess[place] = to if kind == "reached" else 0.0
