@@ -256,6 +256,8 @@ def _of_keys(scenario: Scenario, read: SweepFile, axes: tuple[Axis, ...]) -> Ite
             value, allowed = problem
             yield Problem(name, value, allowed)
     asked = read.record.sensitivities
+    if asked and scenario.dynamics is not None:
+        yield Problem("record.sensitivities", None, "not with [dynamics]: a limit point is passed late")
     numbers = dict.fromkeys(physical_keys(scenario))
     for key in () if isinstance(asked, bool) else asked:
         if key not in numbers:
