@@ -1,0 +1,1 @@
+"""Histories and curves, their tables, files and pictures."""
