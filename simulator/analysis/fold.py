@@ -31,8 +31,9 @@ from simulator.model.equations import SealedBalloons
 from simulator.model.membranes import ElectrodedMembrane, Membrane
 from simulator.results.curve import FoldCurve
 from simulator.scenario import Inflate, Problem, ScenarioError, dimension_of, dimensionless
-from simulator.solver import follow
-from simulator.solver.follow import Effort
+from simulator.solver import arclength
+from simulator.solver.follow import PathError
+from simulator.solver.ida import Effort
 from simulator.solver.newton import NotConverged
 
 if TYPE_CHECKING:
@@ -98,13 +99,13 @@ def fold(
     try:
         states, end = _followed(problem, np.array([*stretch, *drive, parameters.value]), to, effort)
     except NotConverged as failure:
-        raise follow.PathError(f"{vary} from {parameters.value:g} to {to:g}: {failure}") from failure
+        raise PathError(f"{vary} from {parameters.value:g} to {to:g}: {failure}") from failure
     count = len(curve.balloons)
     own = slice(0, 1) if inflation is not None else slice(count, 2 * count)
     places = [device.names.index(name) for name in curve.balloons]
     known = [largest_stretch(device.elastomers[i]) for i in places]
     if (states[own].max(axis=1) > known).any():
-        raise follow.PathError(f"{vary}: the limit point leaves the measured curve of an elastomer")
+        raise PathError(f"{vary}: the limit point leaves the measured curve of an elastomer")
     return FoldCurve(
         title=scenario.title,
         parameter=vary,
@@ -337,7 +338,7 @@ def _followed(problem: _Problem, start: FloatArray, to: float, effort: Effort) -
     def events(values: list[float], rates: list[float]) -> list[float]:
         return [sense * (to - values[-1]), sense * rates[-1], *problem.margins(values)]
 
-    points, directions, ended = follow.along(
+    points, directions, ended = arclength.along(
         problem.residual,
         lambda values: _jacobian(problem, values),
         events,

@@ -1,7 +1,7 @@
 """The whole equilibrium path with the drive free: through limit points, stable and unstable alike.
 
 A history shows what happens; the path shows why. It is followed with the machinery of the histories
-(`follow.follow`), one monotone piece after the other: at each limit point v turns round and the number of
+(`follow`), one monotone piece after the other: at each limit point v turns round and the number of
 unstable directions changes by one. Where the path ends is said, and why.
 """
 
@@ -27,10 +27,11 @@ from simulator.model.membranes import ElectrodedMembrane
 from simulator.results.curve import Curve, SpecialPoint
 from simulator.scenario import Inflate, Problem, ScenarioError
 from simulator.simulation.run import simulate
-from simulator.solver import follow, newton
-from simulator.solver.certify import GAUSS_INTEGRALS, GAUSS_WEIGHTS, straight
-from simulator.solver.follow import Effort, PathError
+from simulator.solver import newton
+from simulator.solver.follow import PathError, follow
+from simulator.solver.ida import Effort
 from simulator.solver.newton import NotConverged
+from simulator.solver.segment import GAUSS_INTEGRALS, GAUSS_WEIGHTS, straight
 
 if TYPE_CHECKING:
     from simulator.scenario import Scenario
@@ -218,7 +219,7 @@ def _traced(scenario: Scenario, device: Device, group: Group, start: FloatArray,
         unstable, modes = int(np.count_nonzero(sizes < 0.0)), sizes.size
         target = _target(equations.scales[-1], float(state[-1]), rising, until.v)
         turns = _turns(group, unstable, modes)
-        segment = follow.follow(equations, (*turns, *ends), state, target, _RTOL, effort)
+        segment = follow(equations, (*turns, *ends), state, target, _RTOL, effort)
         pieces.append(_Piece(segment.states, segment.dense, segment.speeds, unstable))
         state = segment.states[:, -1]
         end = "unbounded" if rising else "zero_voltage"
@@ -302,7 +303,7 @@ def _beyond(
         count = int(np.count_nonzero(eigenvalues(equations, states[:, 0]) < 0.0))
         if count != unstable and all(condition.margin(values) > 0.0 for condition in ends):
             nodes = np.column_stack([point, states])
-            return _Piece(nodes, *straight(nodes), count)
+            return _Piece(nodes, *straight(nodes[:, :1], nodes[:, 1:]), count)
     raise PathError(f"the path cannot be taken up again beyond v = {point[-1]:.12g}")
 
 

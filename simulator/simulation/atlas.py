@@ -18,7 +18,8 @@ from simulator.model.groups import AnyEquations, Group
 from simulator.model.membranes import ChargedMembrane, ElectrodedMembrane, OscillatingMembrane
 from simulator.solver import flow
 from simulator.solver.branch import Branch, BranchEnd, beside
-from simulator.solver.follow import Effort, PathError
+from simulator.solver.follow import PathError
+from simulator.solver.ida import Effort
 from simulator.solver.newton import escape_direction, is_fold, parting_direction
 
 FloatArray = NDArray[np.float64]

@@ -29,7 +29,7 @@ from simulator.simulation.atlas import Atlas, Happening, Turn, Walk, by_time, is
 from simulator.simulation.legs import SAME_INSTANT, Course, courses, state_of
 from simulator.simulation.motion import Electrodes
 from simulator.solver.branch import Branch
-from simulator.solver.certify import ULPS
+from simulator.solver.segment import ULPS
 from simulator.solver.newton import softest_change
 
 if TYPE_CHECKING:
