@@ -27,7 +27,7 @@ from simulator.model.membranes import ElectrodedMembrane
 from simulator.results.curve import Curve, SpecialPoint
 from simulator.scenario import Inflate, Problem, ScenarioError
 from simulator.simulation.run import simulate
-from simulator.solver import newton
+from simulator.solver import newton, singular
 from simulator.solver.follow import PathError, follow
 from simulator.solver.ida import Effort
 from simulator.solver.newton import NotConverged
@@ -224,7 +224,7 @@ def _traced(scenario: Scenario, device: Device, group: Group, start: FloatArray,
         state = segment.states[:, -1]
         end = "unbounded" if rising else "zero_voltage"
         kind = segment.end or ("reached" if target == until.v else end)
-        if kind == "limit_point" and not newton.is_fold(equations, state):
+        if kind == "limit_point" and not singular.is_fold(equations, state):
             kind = "branch_point"
         been = any(k == kind and np.abs(s - state).max() < 1e-8 for k, _, s in found)
         found.append(("closed" if been else kind, len(pieces), state))

@@ -42,6 +42,10 @@ class Contents(Protocol):
         """The equation between pressure and volume, zero where it holds."""
         ...
 
+    def term_size(self, pressure: Number, cubes: Number) -> Number:
+        """Sizes of the terms of the defect, added up."""
+        ...
+
     def linearised(self, pressure: Number, cubes: Number) -> tuple[Number, Number, Number]:
         """The defect and its derivatives in p and in the swelling."""
         ...
@@ -88,6 +92,9 @@ class IdealGas:
 
     def defect(self, pressure: Number, cubes: Number) -> Number:
         return (pressure + self.ambient) * cubes / (3.0 * self.amount) - 1.0
+
+    def term_size(self, pressure: Number, cubes: Number) -> Number:
+        return 2.0
 
     def linearised(self, pressure: Number, cubes: Number) -> tuple[Number, Number, Number]:
         per_pressure = cubes / (3.0 * self.amount)
@@ -193,6 +200,10 @@ class SealedGas:
         fall, _ = self.expansion.fall(self._growth(cubes / 3.0))
         return pressure - self.pressure + (self.pressure + self.ambient) * fall
 
+    def term_size(self, pressure: Number, cubes: Number) -> Number:
+        fall, _ = self.expansion.fall(self._growth(cubes / 3.0))
+        return abs(pressure) + abs(self.pressure) + (self.pressure + self.ambient) * abs(fall)
+
     def linearised(self, pressure: Number, cubes: Number) -> tuple[Number, Number, Number]:
         fall, slope = self.expansion.fall(self._growth(cubes / 3.0))
         absolute = self.pressure + self.ambient
@@ -236,6 +247,9 @@ class Liquid:
 
     def defect(self, pressure: Number, cubes: Number) -> Number:
         return cubes / (3.0 * self.volume) - 1.0
+
+    def term_size(self, pressure: Number, cubes: Number) -> Number:
+        return 2.0
 
     def linearised(self, pressure: Number, cubes: Number) -> tuple[Number, Number, Number]:
         return cubes / (3.0 * self.volume) - 1.0, 0.0, 1.0 / self.volume

@@ -103,8 +103,8 @@ class Equations(Protocol):
         """A state from which a flow can start, close to `y`: of a volume that is possible."""
         ...
 
-    def given_load(self, y: State) -> Number:
-        """Size of the terms of the residual that no unknown varies: their rounding is in it too."""
+    def term_sizes(self, y: State) -> list[Number]:
+        """Sizes of the terms of each residual, (n_unknowns − 1): it is not known better than their rounding."""
         ...
 
     def potential(self, y: State) -> Number:
@@ -230,8 +230,15 @@ class SealedBalloons:
     def admitted(self, y: list[float]) -> list[float]:
         return self.gas.admitted(self.membranes, self.walls, y)
 
-    def given_load(self, y: State) -> Number:
-        return 0.0  # the load is the pressure's, an unknown
+    def term_sizes(self, y: State) -> list[Number]:
+        *stretches, pressure, v = y
+        out: list[Number] = []
+        cubes: Number = 0.0
+        for membrane, wall, x in zip(self.membranes, self.walls, stretches, strict=True):
+            out.append(_term_size(membrane, wall, x, pressure, v))
+            cubes = cubes + wall.cube * x * x * x
+        out.append(self.gas.term_size(pressure, cubes))
+        return out
 
     def potential(self, y: State) -> Number:
         *stretches, _, v = y
@@ -306,8 +313,10 @@ class OpenBalloon:
         """No gas law here, the pressure is given."""
         raise NotImplementedError
 
-    def given_load(self, y: State) -> Number:
-        return abs(self.membrane.linearised(y[0], 0.0, y[1])[2] * self.pressure_offset)
+    def term_sizes(self, y: State) -> list[Number]:
+        x, v = y
+        pressure = self.pressure_offset + self.pressure_rate * v
+        return [_term_size(self.membrane, self.walls[0], x, pressure, v)]
 
     def flow_law(self, y: Sequence[float], residual: list[Number], rows: Rows) -> tuple[Number, list[Number]]:
         """No gas law here, the pressure is given."""
@@ -330,6 +339,12 @@ class OpenBalloon:
 
     def gas_supply(self, y: State) -> Number:
         return self.pressure(y) * self.walls[0].cube * y[0] ** 3 / 3.0
+
+
+def _term_size(membrane: AnyMembrane, wall: Membrane, x: Number, pressure: Number, v: Number) -> Number:
+    """|N| + |D a p λ² + …| of a force balance: the wall's own force and the load on it."""
+    own = wall.elastomer.pole_form(x)[0]
+    return abs(own) + abs(own - membrane.force(x, pressure, v))
 
 
 def _voltage_scale(membranes: Sequence[AnyMembrane]) -> float:

@@ -20,7 +20,7 @@ from simulator.solver import flow
 from simulator.solver.branch import Branch, BranchEnd, beside
 from simulator.solver.follow import PathError
 from simulator.solver.ida import Effort
-from simulator.solver.newton import escape_direction, is_fold, parting_direction
+from simulator.solver.singular import escape_direction, is_fold, parting_direction
 
 FloatArray = NDArray[np.float64]
 

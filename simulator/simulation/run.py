@@ -30,7 +30,7 @@ from simulator.simulation.legs import SAME_INSTANT, Course, courses, state_of
 from simulator.simulation.motion import Electrodes
 from simulator.solver.branch import Branch
 from simulator.solver.segment import ULPS
-from simulator.solver.newton import softest_change
+from simulator.solver.singular import softest_change
 
 if TYPE_CHECKING:
     from simulator.scenario import PlayedStep, Scenario, Until

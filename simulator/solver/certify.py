@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from simulator.model.conditions import Condition
 from simulator.model.equations import Equations
-from simulator.solver import newton
+from simulator.solver import newton, singular
 from simulator.solver.newton import NotConverged
 from simulator.solver.segment import (
     GAUSS_POINTS,
@@ -36,7 +36,7 @@ NOISE = 1e-12  # of margins: no event is told from less
 _SEEN = 0.7  # cosine, between a chord and the tangents at its ends, that is straight ahead
 _MOVED = 0.2  # over the length of an interval: how far polishing may move a point
 _MOST_ROUNDS = 60  # an interval halved as often is shorter than rounding
-_MOST_POINTS = 4000
+_MOST_POINTS = 100_000
 _FINE = np.linspace(0.0, 1.0, 65)
 _AT = np.concatenate([[0.0], GAUSS_POINTS, [1.0]])
 
@@ -95,7 +95,7 @@ def certified(
         doubtful, passed = judged(equations, conditions, segment)
         if passed is not None:
             place, condition, event = passed
-            ahead = newton.tangent_at_end(equations, event, event - segment.states[:, place])
+            ahead = singular.tangent_at_end(equations, event, event - segment.states[:, place])
             segment, astray = segment.ending(equations, place, event, ahead, condition.kind)
         elif doubtful.size:
             segment, astray = segment.halved(equations, doubtful)
@@ -109,30 +109,16 @@ def _polished(
 ) -> tuple[Segment, Places]:
     """Proposed points put on the curve, and the intervals in which it strays from the cubic through them."""
     points, directions = proposal.points.copy(), proposal.directions.copy()
-    weights = 1.0 / equations.scales[:, None] ** 2
     last, end = polished_end(equations, conditions, proposal, target)
-    moved_last = float(np.sqrt(weights[:, 0] @ (last - points[:, -1]) ** 2))
+    chord, moved = ((last - other) / equations.scales for other in (points[:, -2], points[:, -1]))
+    if not 0.0 < chord @ chord >= moved @ moved:
+        raise NotConverged("polishing moved the end too far")
     points[:, -1] = last
-    directions[:, -1] = newton.tangent_at_end(equations, last, directions[:, -1])
-    nodes, tangents = points.copy(), directions.copy()
-    inner = slice(1, -1)
-    count = points.shape[1] - 2
-    # Mostly the points, and the Gauss points of the cubics through them, are found in one call. The planes
-    # at the ends of a cubic are those of its points, so that an integral along it is one from node to node.
-    at_once = count > 0 and not sharp(equations, points, directions).size
-    guesses, normals = points[:, inner], directions[:, inner]
-    if at_once:
-        cubic = Cubics.through(weights, points, directions).at_gauss_points()
-        guesses = np.concatenate([guesses, cubic[0]], axis=1)
-        normals = np.concatenate([normals, cubic[1]], axis=1)
-    if guesses.shape[1]:
-        states, rates = newton.on_planes(equations, guesses, weights * normals, accuracy=RATES)
-        nodes[:, inner], tangents[:, inner] = states[:, :count], newton.unit(equations, rates[:, :count])
-    _check_moved(weights, points, nodes, moved_last)
-    if at_once:
-        dense, speeds, astray = across(weights, cubic, states[:, count:], rates[:, count:])
-        if not astray.size:
-            return Segment(nodes, tangents, dense, speeds, end), astray
+    directions[:, -1] = singular.tangent_at_end(equations, last, directions[:, -1])
+    at_once = _all_at_once(equations, points, directions, end)
+    if at_once is not None:
+        return at_once, np.zeros(0, dtype=np.int64)
+    nodes, tangents = _put_on_curve(equations, points, directions)
     for _ in range(_MOST_ROUNDS):
         turning = sharp(equations, nodes, tangents)
         if not turning.size:
@@ -143,6 +129,65 @@ def _polished(
             for old, new in zip((nodes, tangents), middles, strict=True)
         )
     raise NotConverged("the path turns too sharply")
+
+
+def _all_at_once(
+    equations: Equations, points: FloatArray, directions: FloatArray, end: str | None
+) -> Segment | None:
+    """The inner points, and the Gauss points of the cubics through them, polished in one call if that will do.
+
+    The planes at the ends of a cubic are those of its points, so that an integral along it is one from point
+    to point.
+    """
+    count = points.shape[1] - 2
+    if count == 0 or sharp(equations, points, directions).size:
+        return None
+    weights = 1.0 / equations.scales[:, None] ** 2
+    cubic = Cubics.through(weights, points, directions).at_gauss_points()
+    guesses = np.concatenate([points[:, 1:-1], cubic[0]], axis=1)
+    normals = weights * np.concatenate([directions[:, 1:-1], cubic[1]], axis=1)
+    try:
+        states, rates = newton.on_planes(equations, guesses, normals, accuracy=RATES)
+    except NotConverged:
+        return None
+    nodes, tangents = points.copy(), directions.copy()
+    nodes[:, 1:-1], tangents[:, 1:-1] = states[:, :count], newton.unit(equations, rates[:, :count])
+    dense, speeds, astray = across(weights, cubic, states[:, count:], rates[:, count:])
+    if astray.size or not _stayed(equations, points, nodes).all():
+        return None
+    return Segment(nodes, tangents, dense, speeds, end)
+
+
+def _put_on_curve(
+    equations: Equations, points: FloatArray, directions: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Points and directions, the inner points polished; those that do not stay where they are left out."""
+    inner = np.arange(1, points.shape[1] - 1)
+    normals = directions / equations.scales[:, None] ** 2
+    nodes, tangents = points.copy(), directions.copy()
+    while inner.size:
+        try:
+            states, rates = newton.on_planes(equations, points[:, inner], normals[:, inner], accuracy=RATES)
+        except NotConverged as failure:
+            if failure.failed is None:
+                raise
+            inner = inner[~failure.failed]
+            continue
+        nodes[:, inner], tangents[:, inner] = states, newton.unit(equations, rates)
+        break
+    kept = np.concatenate([[0], inner, [points.shape[1] - 1]])
+    points, nodes, tangents = points[:, kept], nodes[:, kept], tangents[:, kept]
+    stayed = np.append(_stayed(equations, points, nodes), True)
+    stayed[0] = True
+    return nodes[:, stayed], tangents[:, stayed]
+
+
+def _stayed(equations: Equations, points: FloatArray, nodes: FloatArray) -> NDArray[np.bool_]:
+    """Which points polishing moved little, of the length to their neighbours; all but the last, (n − 1,)."""
+    chords, moves = ((part / equations.scales[:, None]) for part in (np.diff(nodes), (nodes - points)[:, :-1]))
+    lengths = np.einsum("ij,ij->j", chords, chords)
+    before = np.append(lengths[:1], lengths[:-1])
+    return np.asarray(np.einsum("ij,ij->j", moves, moves) <= _MOVED**2 * np.minimum(before, lengths))
 
 
 def polished_end(
@@ -174,18 +219,6 @@ def polished_end(
     found = event + (inside - event) * np.sqrt(max(1.0 - share, 0.0))
     found[-1] = target
     return newton.one_at_drive(equations, found), None
-
-
-def _check_moved(weights: FloatArray, points: FloatArray, nodes: FloatArray, moved_last: float) -> None:
-    """Polishing moved no point far."""
-    chords = nodes[:, 1:] - nodes[:, :-1]
-    lengths = np.sqrt(np.einsum("ij,ij->j", weights * chords, chords))
-    if not lengths.min() > 0.0:
-        raise NotConverged("two points of the path coincide")
-    moves = nodes - points
-    moved = np.sqrt(np.einsum("ij,ij->j", weights * moves, moves))[1:]
-    if np.any(moved > _MOVED * lengths) or moved_last > lengths[-1]:
-        raise NotConverged("polishing moved a point too far")
 
 
 def sharp(equations: Equations, nodes: FloatArray, tangents: FloatArray) -> Places:

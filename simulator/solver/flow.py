@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from simulator.model.conditions import Condition, stability
 from simulator.model.elastomers import Number
 from simulator.model.equations import Equations, State
-from simulator.solver import ida, newton
+from simulator.solver import ida, singular
 from simulator.solver.ida import Effort, IntegrationError
 from simulator.solver.landing import (
     NEAR,
@@ -273,7 +273,7 @@ def _past(
     """
     ghost = fold.copy()
     ghost[-1] = v
-    escape = newton.escape_direction(equations, fold, 1.0 if v > fold[-1] else -1.0)
+    escape = singular.escape_direction(equations, fold, 1.0 if v > fold[-1] else -1.0)
     return _off(equations, conditions, ghost, escape, _FINE)
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from simulator.model.conditions import Condition
 from simulator.model.equations import Equations
-from simulator.solver import newton
+from simulator.solver import singular
 from simulator.solver.arclength import Effort
 from simulator.solver.certify import NOISE, certified
 from simulator.solver.proposals import off_singular, proposals
@@ -55,7 +55,7 @@ def follow(
     PathError
         If no proposal could be certified.
     """
-    if float(conditions[0].margin(start.tolist())) < NOISE and not newton.is_fold(equations, start):
+    if float(conditions[0].margin(start.tolist())) < NOISE and not singular.is_fold(equations, start):
         off = _off_singular(equations, conditions, start, target, rtol, effort)
         if off is not None:
             return off

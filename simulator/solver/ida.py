@@ -136,8 +136,8 @@ def integrate(
             break
     if result.status < 0:
         raise IntegrationError(f"IDA: {result.message}", np.array(result.y[-1]))
-    found = () if result.t_events is None else zip(
-        result.t_events, result.y_events, result.i_events, strict=True
+    found = (
+        () if result.t_events is None else zip(result.t_events, result.y_events, result.i_events, strict=True)
     )
     events = tuple(
         Event(float(t), y.copy(), int(which)) for t, y, fell in found for which in np.flatnonzero(fell)

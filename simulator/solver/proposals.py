@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from simulator.model.conditions import Condition, softest_mode
 from simulator.model.equations import Equations, OpenBalloon
-from simulator.solver import newton
+from simulator.solver import newton, singular
 from simulator.solver.arclength import Effort, along
 from simulator.solver.certify import Proposal
 from simulator.solver.inflation import inflated
@@ -77,7 +77,7 @@ def to_event(
     ahead, place, event = min(found, key=lambda item: item[:2])
     way = _along_drive(start, sense)
     if ahead <= rounding(equations, values[-1]):
-        return Proposal(event[:, None], newton.tangent_at_end(equations, event, way[:, 0])[:, None], place)
+        return Proposal(event[:, None], singular.tangent_at_end(equations, event, way[:, 0])[:, None], place)
     tangent = newton.tangents(equations, start[:, None], way)
     return Proposal(np.stack([start, event], axis=1), np.repeat(tangent, 2, axis=1), place)
 
@@ -121,7 +121,7 @@ def by_ida(
     direction = newton.tangents(equations, start[:, None], _along_drive(start, sense))[:, 0]
     if abs(direction[-1]) < _UPRIGHT * equations.scales[-1]:
         # On a limit point v does not tell which way is ahead. It is where the state grows stable.
-        direction = newton.tangent_at_end(equations, start, direction)
+        direction = singular.tangent_at_end(equations, start, direction)
         values = start.tolist()
         # A trace knows several; it begins beside one of them.
         nearest = min(conditions, key=lambda c: (c.kind != "limit_point", abs(float(c.margin(values)))))
@@ -174,12 +174,12 @@ def _ends_path(equations: Equations, condition: Condition, event: FloatArray, se
     """Whether an event ends a path on which v goes in a sense, or one on which it goes the other way."""
     towards = np.zeros_like(event)
     towards[-1] = sense
-    if condition.kind == "limit_point" and newton.is_fold(equations, event):
+    if condition.kind == "limit_point" and singular.is_fold(equations, event):
         # No path goes on from there; the state falls, and a path that ends there led up to where it falls.
-        escape = newton.escape_direction(equations, event, sense)
+        escape = singular.escape_direction(equations, event, sense)
         towards[: escape.size], towards[-1] = escape, 0.0
     with np.errstate(invalid="ignore"):  # there may be no such tangent
-        tangent = newton.tangent_at_end(equations, event, towards)
+        tangent = singular.tangent_at_end(equations, event, towards)
     return bool(condition.slope(event) @ tangent < -1e-9)
 
 

@@ -126,7 +126,9 @@ class Segment:
         """With one more point in the middle of some intervals; and which are astray, as `through` says."""
         # The middle Gauss point is on the curve already.
         new = self.dense[:, places, _MIDDLE]
-        return self.with_points(equations, places, new, newton.unit(equations, self.speeds[:, places, _MIDDLE]))
+        return self.with_points(
+            equations, places, new, newton.unit(equations, self.speeds[:, places, _MIDDLE])
+        )
 
     def with_points(
         self, equations: Equations, places: Places, points: FloatArray, directions: FloatArray
@@ -222,12 +224,29 @@ def _inside(
         # The points of chords that short are on the curve to rounding.
         return *straight(start, end), np.zeros(0, dtype=np.int64)
     cubic = Cubics.spanning(weights, start, chords, first, last).at_gauss_points()
-    states, rates = newton.on_planes(equations, cubic[0], weights * cubic[1], accuracy=RATES)
+    try:
+        states, rates = newton.on_planes(equations, cubic[0], weights * cubic[1], accuracy=RATES)
+    except NotConverged as failure:
+        if failure.failed is None:
+            raise
+        # The others are found without those that were not; what stands for the lost ones is not used.
+        lost = failure.failed.reshape(-1, GAUSS_POINTS.size).any(axis=1)
+        kept = np.flatnonzero(~lost)
+        dense, speeds = straight(start, end)
+        if kept.size:
+            dense[:, kept], speeds[:, kept], astray = _inside(
+                equations, start[:, kept], end[:, kept], first[:, kept], last[:, kept]
+            )
+            lost[kept[astray]] = True
+        return dense, speeds, np.flatnonzero(lost)
     return across(weights, cubic, states, rates)
 
 
 def across(
-    weights: FloatArray, cubic: tuple[FloatArray, FloatArray, FloatArray], states: FloatArray, rates: FloatArray
+    weights: FloatArray,
+    cubic: tuple[FloatArray, FloatArray, FloatArray],
+    states: FloatArray,
+    rates: FloatArray,
 ) -> tuple[FloatArray, FloatArray, Places]:
     """What `between` returns, from a cubic c(ξ), c′, c″ at Gauss points and the states on its planes."""
     guesses, slopes, bends = cubic

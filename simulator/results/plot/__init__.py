@@ -1,6 +1,13 @@
 """Pictures of histories and of equilibrium paths; functions take axes and return them."""
 
-from simulator.results.plot.curve import draw_curves_png, draw_fold_png, draw_path, plot_curves, plot_fold, plot_paths
+from simulator.results.plot.curve import (
+    draw_curves_png,
+    draw_fold_png,
+    draw_path,
+    plot_curves,
+    plot_fold,
+    plot_paths,
+)
 from simulator.results.plot.history import (
     draw_png,
     plot_history,

@@ -22,7 +22,7 @@ from simulator.model.groups import Group
 from simulator.results.history import EventKind, History, Outcome
 from simulator.scenario import Output, Scenario, Solver
 from simulator.simulation.run import simulate
-from simulator.solver import flow, follow, newton
+from simulator.solver import flow, newton
 from simulator.solver.arclength import along
 from simulator.solver.ida import Effort
 from simulator.solver.segment import Cubics, work
@@ -254,7 +254,7 @@ class _Unpolished:
 
     def _snap(self, state: FloatArray, sense: float) -> FloatArray:
         equations = self.group.equations
-        escape = newton.escape_direction(equations, state, sense)
+        escape = singular.escape_direction(equations, state, sense)
         start = state.copy()
         distance = max(_NUDGE, float(np.sqrt(self.rtol)))
         start[: escape.size] += distance * escape

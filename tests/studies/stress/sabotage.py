@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from simulator.scenario import load_scenario
 from simulator.simulation import atlas
 from simulator.simulation.run import SolverError, simulate
-from simulator.solver import branch, certify, flow, landing, newton, proposals
+from simulator.solver import branch, certify, flow, landing, newton, proposals, singular
 from simulator.solver.certify import Proposal
 from simulator.solver.newton import NotConverged
 from tests.studies.stress.closed_form import relative
@@ -325,7 +325,7 @@ def _aside(strikes: Strikes) -> AbstractContextManager[None]:
 
 
 def _uphill(strikes: Strikes) -> AbstractContextManager[None]:
-    escape = newton.escape_direction
+    escape = singular.escape_direction
 
     def disturbed(equations: Any, state: FloatArray, direction: float) -> FloatArray:
         if not strikes.now():
