@@ -104,7 +104,7 @@ class Equations(Protocol):
         ...
 
     def term_sizes(self, y: State) -> list[Number]:
-        """Sizes of the terms of each residual, (n_unknowns − 1): it is not known better than their rounding."""
+        """Sizes of the terms of each residual, (n_unknowns − 1): their rounding is in it."""
         ...
 
     def potential(self, y: State) -> Number:

@@ -1,10 +1,11 @@
 """Certifying a path: what was proposed is put on the curve, and taken only where it is certain.
 
-Proposed points are polished by Newton's method. Then every margin is judged on every interval between two of
-them. It is the polynomial through its values at both ends and at the nine Gauss points, with an error of about
-its last coefficients. Where its minimum exceeds that error the margin is *clear*; where it is below minus that
-error the margin was *passed*, and the segment ends there; else the interval is *halved*. An interval is also
-halved where the path turns too sharply to be seen from its ends.
+Proposed points are polished by Newton's method. Then every margin is judged on every interval between two
+of them. It is the polynomial through its values at both ends and at the nine Gauss points, with an error of
+about its last coefficients. Where its minimum exceeds that error the margin is *clear*; where it is below
+minus that error the margin was *passed*, and the segment ends there; else the interval is *halved*. An
+interval is also halved where the path turns too sharply to be seen from its ends, and where Newton's method
+does not find the curve.
 """
 
 from __future__ import annotations
@@ -85,7 +86,7 @@ def certified(
     for _ in range(_MOST_ROUNDS):
         if segment.states.shape[1] > _MOST_POINTS:
             break
-        turning = np.union1d(astray, sharp(equations, segment.states, segment.tangents))
+        turning = astray if astray.size else sharp(equations, segment.states, segment.tangents)
         if turning.size:
             middles = _middles(equations, segment.states, turning)
             segment, astray = segment.with_points(equations, turning, *middles)
@@ -134,7 +135,7 @@ def _polished(
 def _all_at_once(
     equations: Equations, points: FloatArray, directions: FloatArray, end: str | None
 ) -> Segment | None:
-    """The inner points, and the Gauss points of the cubics through them, polished in one call if that will do.
+    """The segment through points, polished in one call with the Gauss points between; None if that fails.
 
     The planes at the ends of a cubic are those of its points, so that an integral along it is one from point
     to point.
@@ -184,10 +185,12 @@ def _put_on_curve(
 
 def _stayed(equations: Equations, points: FloatArray, nodes: FloatArray) -> NDArray[np.bool_]:
     """Which points polishing moved little, of the length to their neighbours; all but the last, (n − 1,)."""
-    chords, moves = ((part / equations.scales[:, None]) for part in (np.diff(nodes), (nodes - points)[:, :-1]))
-    lengths = np.einsum("ij,ij->j", chords, chords)
-    before = np.append(lengths[:1], lengths[:-1])
-    return np.asarray(np.einsum("ij,ij->j", moves, moves) <= _MOVED**2 * np.minimum(before, lengths))
+    weights = 1.0 / equations.scales[:, None] ** 2
+    chords, moves = nodes[:, 1:] - nodes[:, :-1], (nodes - points)[:, :-1]
+    lengths = np.einsum("ij,ij->j", weights * chords, chords)
+    nearer = lengths.copy()
+    nearer[1:] = np.minimum(lengths[1:], lengths[:-1])
+    return np.asarray(np.einsum("ij,ij->j", weights * moves, moves) <= _MOVED**2 * nearer)
 
 
 def polished_end(
@@ -246,11 +249,14 @@ def _reader(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Matrices from values at points of [0, 1] to those on a fine grid and the last Legendre coefficients."""
     vander = np.polynomial.legendre.legvander
     coefficients = np.linalg.inv(vander(2.0 * points - 1.0, points.size - 1))
-    return vander(2.0 * _FINE - 1.0, points.size - 1) @ coefficients, coefficients[-2:]
+    on_grid = vander(2.0 * _FINE - 1.0, points.size - 1) @ coefficients
+    return np.asarray(on_grid, dtype=np.float64), np.asarray(coefficients[-2:], dtype=np.float64)
 
 
 # Of what is given at both ends and the Gauss points; without the first of them, the last, or both.
 _READERS = {(a, b): _reader(_AT[a : _AT.size - b]) for a in (0, 1) for b in (0, 1)}
+
+_LEBESGUE = float(np.abs(_READERS[0, 0][0]).sum(axis=1).max())
 
 Passed = tuple[int, Condition, FloatArray]  # interval, condition, event
 
@@ -267,18 +273,20 @@ def judged(
     first: Passed | None = None
     for place, condition in enumerate(conditions):
         values = np.asarray(condition.margin(flat)).reshape(columns.shape[1:])
-        fine, error = _read(values, ends_at_zero=place == ended)
-        lowest = fine.min(axis=1)
-        for i in np.flatnonzero(lowest <= error + NOISE).tolist():
+        near, fine, errors = _read(values, ends_at_zero=place == ended)
+        for i, row, error in zip(near.tolist(), fine, errors.tolist(), strict=True):
+            lowest = float(row.min())
+            if lowest > error + NOISE:
+                continue
             if first is not None and i > first[0]:
                 break
-            if lowest[i] < -error[i] - NOISE:
-                event = _root(equations, condition, columns[:, i], fine[i])
+            if lowest < -error - NOISE:
+                event = _root(equations, condition, columns[:, i], row)
                 if event is None:
                     doubtful.add(i)
                 elif first is None or i < first[0] or _closer(states[:, i], event, first[2]):
                     first = i, condition, event
-            elif error[i] > NOISE + 1e-13 * np.abs(values[i]).max():  # else it is as certain as it can be
+            elif error > NOISE + 1e-13 * np.abs(values[i]).max():  # else it is as certain as it can be
                 doubtful.add(i)
     if first is not None and not any(i <= first[0] for i in doubtful):
         return np.zeros(0, dtype=np.int64), first
@@ -293,30 +301,37 @@ def _ended(conditions: Sequence[Condition], last: FloatArray, end: str | None) -
     return min(same, key=lambda i: abs(float(conditions[i].margin(values))), default=None)
 
 
-def _read(values: FloatArray, *, ends_at_zero: bool) -> tuple[FloatArray, FloatArray]:
-    """A margin on a fine grid over each interval, (n, n_grid), and the error of that, (n,).
+def _read(values: FloatArray, *, ends_at_zero: bool) -> tuple[Places, FloatArray, FloatArray]:
+    """Intervals on which a margin may vanish, (m,), the margin there on a fine grid, and the error of that.
 
     It is divided by the distance to an end where it vanishes: what is left is positive up to there where the
     margin is.
     """
     grid, last = _READERS[0, 0]
-    fine, tail = values @ grid.T, values @ last.T
-    starts_at_zero = abs(values[0, 0]) <= NOISE
+    error = np.abs(values @ last.T).sum(axis=1)
+    low, high = values.min(axis=1), values.max(axis=1)
+    # The polynomial strays from the middle of its values by no more than they do, times Lebesgue's constant.
+    near = 0.5 * (high + low) - _LEBESGUE * 0.5 * (high - low) <= error + NOISE
+    divided = {}
     for i in {0, len(values) - 1}:
-        if np.abs(values[i]).max() <= NOISE:
-            continue  # nothing is told from so little
-        first = int(i == 0 and starts_at_zero)
+        first = int(i == 0 and abs(values[0, 0]) <= NOISE)
         stop = _AT.size - int(i == len(values) - 1 and ends_at_zero)
+        if stop - first < _AT.size and high[i] > NOISE:  # else nothing is told from so little
+            divided[i] = first, stop
+            near[i] = True
+    places = np.flatnonzero(near)
+    fine, error = values[places] @ grid.T, error[places]
+    for i, (first, stop) in divided.items():
+        row = int(np.searchsorted(places, i))
         at = _AT[first:stop]
         distance = (at if first else 1.0) * (1.0 - at if stop < _AT.size else 1.0)
         grid, last = _READERS[first, _AT.size - stop]
         part = values[i, first:stop] / distance
-        fine[i], tail[i] = grid @ part, last @ part
-    error = np.abs(tail).sum(axis=1)
+        fine[row], error[row] = grid @ part, np.abs(last @ part).sum()
     # Between two points of the grid it may be lower by an eighth of the second difference.
-    low = fine.min(axis=1) < 0.25 * fine.max(axis=1)
-    error[low] += 0.125 * np.abs(np.diff(fine[low], 2, axis=1)).max(axis=1, initial=0.0)
-    return fine, error
+    dips = fine.min(axis=1) < 0.25 * fine.max(axis=1)
+    error[dips] += 0.125 * np.abs(np.diff(fine[dips], 2, axis=1)).max(axis=1, initial=0.0)
+    return places, fine, error
 
 
 def _closer(start: FloatArray, one: FloatArray, other: FloatArray) -> bool:

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from simulator.model.conditions import Condition
 from simulator.model.equations import Equations
 from simulator.solver import singular
-from simulator.solver.arclength import Effort
 from simulator.solver.certify import NOISE, certified
+from simulator.solver.ida import Effort
 from simulator.solver.proposals import off_singular, proposals
 from simulator.solver.segment import Segment, straight
 

@@ -169,12 +169,12 @@ def on_planes(
     right = np.zeros((count, unknowns, 2))
     right[:, -1, 1] = 1.0
     residual = right[:, :-1, 0]
-    found = right
+    found: FloatArray = right
 
     def steps(states: FloatArray) -> tuple[FloatArray, Callable[[], Flags]]:
         nonlocal found
         _linearise(equations, states, residual, matrices)
-        found = np.linalg.solve(matrices, right)
+        found = np.asarray(np.linalg.solve(matrices, right), dtype=np.float64)
         return found[:, :, 0].T, lambda: rounds_to_zero(equations, states, residual, matrices[:, :-1])
 
     states = solved(steps, guesses, equations.scales, "states on given planes", accuracy=accuracy)
@@ -220,16 +220,18 @@ def at_event(equations: Equations, condition: Condition, guess: FloatArray) -> F
         defect = np.array([*residual, condition.margin(values)])
         if not np.all(np.isfinite(defect)):
             raise NotConverged(what)
-        rows = np.array([*rows, condition.slope(state)], dtype=np.float64)
+        derivatives = np.array([*rows, condition.slope(state)], dtype=np.float64)
         # In sizes of the state itself: near a stretch limit the pressure or voltage is far above its scale.
         scales = np.maximum(equations.scales, np.abs(state))
-        matrix = rows * scales
+        matrix = derivatives * scales
         # Rows of one size, so that only a true singularity is cut off, not a small row.
         sizes = np.sqrt(np.einsum("ij,ij->i", matrix, matrix))
         if not sizes.all() or not np.all(np.isfinite(sizes)):
             raise NotConverged(what)  # a margin that nothing changes
         step = np.linalg.lstsq(matrix / sizes[:, None], defect / sizes, rcond=_SINGULAR)[0]
-        return (scales * step)[:, None], lambda: rounds_to_zero(equations, states, defect[None], rows[None])
+        return (scales * step)[:, None], lambda: rounds_to_zero(
+            equations, states, defect[None], derivatives[None]
+        )
 
     what = f"state at a {condition.kind}"
     start = evened(equations, guess)

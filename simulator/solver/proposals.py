@@ -1,4 +1,4 @@
-"""Ways to points along a path, of which only what is certified is taken: the cheapest that may do comes first.
+"""Ways to points along a path, the cheapest that may do first; only what is certified is taken.
 
 An event close by, or a target, can be reached by one chord; the pressure that inflates one balloon is a
 formula of its stretch; and IDA follows any path, at the tolerance asked for and then at tighter ones.
@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from simulator.model.conditions import Condition, softest_mode
 from simulator.model.equations import Equations, OpenBalloon
 from simulator.solver import newton, singular
-from simulator.solver.arclength import Effort, along
+from simulator.solver.arclength import along
 from simulator.solver.certify import Proposal
+from simulator.solver.ida import Effort
 from simulator.solver.inflation import inflated
 from simulator.solver.newton import NotConverged
 from simulator.solver.segment import SHORT, rounding

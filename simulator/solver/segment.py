@@ -230,7 +230,7 @@ def _inside(
         if failure.failed is None:
             raise
         # The others are found without those that were not; what stands for the lost ones is not used.
-        lost = failure.failed.reshape(-1, GAUSS_POINTS.size).any(axis=1)
+        lost: NDArray[np.bool_] = np.any(failure.failed.reshape(-1, GAUSS_POINTS.size), axis=1)
         kept = np.flatnonzero(~lost)
         dense, speeds = straight(start, end)
         if kept.size:

@@ -1,7 +1,7 @@
 """Singular points of the equilibrium path: what they are, and how the state leaves them.
 
-Where the scaled Hessian S is singular the path either folds back in v (a limit point) or is crossed by another
-(a branch point). S = T H T, so a mode z of S is the change T z of the stretches.
+Where the scaled Hessian S is singular the path folds back in v (a limit point) or another path crosses it (a
+branch point). S = T H T, so a mode z of S is the change T z of the stretches.
 """
 
 from __future__ import annotations

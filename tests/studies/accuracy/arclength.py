@@ -22,7 +22,7 @@ from simulator.model.groups import Group
 from simulator.results.history import EventKind, History, Outcome
 from simulator.scenario import Output, Scenario, Solver
 from simulator.simulation.run import simulate
-from simulator.solver import flow, newton
+from simulator.solver import flow, newton, singular
 from simulator.solver.arclength import along
 from simulator.solver.ida import Effort
 from simulator.solver.segment import Cubics, work
