@@ -16,8 +16,7 @@ import pytest
 from histories import cycled_pair, slack_pair
 from typer.testing import CliRunner
 
-from simulator.cli import summary
-from simulator.cli import app
+from simulator.cli import app, summary
 from simulator.results.history import Outcome
 
 ROOT = Path(__file__).parent.parent

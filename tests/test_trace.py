@@ -219,9 +219,7 @@ def mp_force(stretch):
 
 
 def test_peak_of_a_neo_hookean_balloon():
-    curve = trace_inflation(
-        single({"inflate": 1.0}, elastomer={"model": "neo-hookean"}), to_stretch=3.0
-    )
+    curve = trace_inflation(single({"inflate": 1.0}, elastomer={"model": "neo-hookean"}), to_stretch=3.0)
     (peak,) = special(curve, "limit_point")
     assert peak.stretch[0] == pytest.approx(7 ** (1 / 6), abs=1e-9)
     assert peak.pressure == pytest.approx(2 * (7 ** (-1 / 6) - 7 ** (-7 / 6)), abs=CLOSE)
