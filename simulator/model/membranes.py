@@ -15,6 +15,7 @@ a membrane would slow every access to its attributes.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from simulator.model.drive import Drive
@@ -263,3 +264,11 @@ def curvature(membrane: AnyMembrane, stretch: Number, pressure: Number, v: Numbe
     _, denominator = wall.elastomer.pole_form(stretch)
     _, denominator_slope = wall.elastomer.pole_form_slope(stretch)
     return wall.weight * (slope - force / denominator * denominator_slope) / denominator
+
+
+def sum_of_cubes(walls: Sequence[Membrane], stretches: Sequence[Number]) -> Number:
+    """Σ r³λ³, three times the balloons' volume over 4πR³."""
+    total: Number = 0.0
+    for wall, x in zip(walls, stretches, strict=True):
+        total = total + wall.cube * x * x * x
+    return total

@@ -8,8 +8,9 @@ own time (`real_time`). What is seen goes to the record (`recorder`), energies t
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Callable, Mapping, Sequence
+from os import PathLike
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from simulator.events import Outcome
 from simulator.model.device import Device
 from simulator.model.drive import Leg, Way
 from simulator.results.history import History, Stop
-from simulator.scenario import duration, until_of
+from simulator.scenario import duration, load_scenario, until_of
 from simulator.simulation import motion
 from simulator.simulation.books import Books
 from simulator.simulation.present import Present
@@ -69,13 +70,17 @@ class Kinetics(Protocol):
         ...
 
 
-def simulate(scenario: Scenario, *, progress: Callable[[float], None] | None = None) -> History:
+def simulate(
+    scenario: Scenario | str | PathLike[str] | Mapping[str, Any],
+    *,
+    progress: Callable[[float], None] | None = None,
+) -> History:
     """Play a scenario's steps and return what happened.
 
     Parameters
     ----------
-    scenario : Scenario
-        From `load_scenario`.
+    scenario : Scenario, path or mapping
+        From `load_scenario`, or what that takes.
     progress : callable, optional
         Called with the fraction of steps done, after each.
 
@@ -86,9 +91,18 @@ def simulate(scenario: Scenario, *, progress: Callable[[float], None] | None = N
 
     Raises
     ------
+    ScenarioError
+        If the scenario makes no sense.
     SolverError
         If the solver failed; with the history up to there.
+
+    Examples
+    --------
+    >>> history = simulate("scenarios/fig5b_state_b.toml")
+    >>> [event.kind.value for event in history.events]
+    ['limit_point', 'limit_point', 'jump']
     """
+    scenario = load_scenario(scenario)
     run = Run(scenario)
     total = sum(1 for _ in scenario.played_steps()) if progress else 0
     for number, step in enumerate(scenario.played_steps(), start=1):
