@@ -17,7 +17,7 @@ from simulator.analysis.fold import fold
 from simulator.analysis.sensitivity import sensitivities
 from simulator.analysis.start import sealed_state
 from simulator.analysis.trace import trace, trace_all
-from simulator.cli.app import app
+from simulator.cli import app
 from simulator.scenario import ScenarioError
 from tests.pairs import pair
 

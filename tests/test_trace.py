@@ -13,7 +13,7 @@ from test_export import EXACT
 from typer.testing import CliRunner
 
 from simulator.analysis.trace import rests, sealed_state, trace, trace_all, trace_inflation
-from simulator.cli.app import app
+from simulator.cli import app
 from simulator.results.files import OutputError
 from simulator.results.plot import draw_curves_png, plot_curves
 from simulator.results.tables import curve_columns, point_columns, write_curves

@@ -13,7 +13,7 @@ import numpy as np
 from simulator.model.device import Device
 from simulator.model.elastomers import Gent, Number
 from simulator.scenario import Inflate, Problem, ScenarioError, load_scenario
-from simulator.scenario.keys import with_values
+from simulator.scenario.mapping import with_values
 
 if TYPE_CHECKING:
     from simulator.scenario import Scenario

@@ -117,8 +117,8 @@ class Scenario(Frozen):
         Parameters
         ----------
         values : mapping of str to value
-            By dotted key, as in error messages: `gas.ambient_pressure`, `step.2.ramp`, `balloon.*.radius` (of all
-            balloons) or `balloon.active.radius`. With [scales] a text such as "20 kPa" is allowed too.
+            By dotted key, as in messages: `gas.ambient_pressure`, `step.2.ramp`, `balloon.*.radius` (all
+            of them) or `balloon.active.radius`. With [scales] a text such as "20 kPa" is allowed too.
 
         Raises
         ------
