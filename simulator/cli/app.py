@@ -293,9 +293,7 @@ def _traced(
 
     try:
         if inflation:
-            return (
-                room.trace_inflation(scenario, balloon, to_pressure=to_drive, to_stretch=to_stretch),
-            )
+            return (room.trace_inflation(scenario, balloon, to_pressure=to_drive, to_stretch=to_stretch),)
         if every:
             return room.trace_all(scenario)
         return (room.trace(scenario, to_voltage=to_drive, to_stretch=to_stretch),)
