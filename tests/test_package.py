@@ -56,7 +56,7 @@ def test_unknown_names_are_refused_as_everywhere():
     with pytest.raises(AttributeError, match="module 'simulator' has no attribute 'simulat'"):
         simulator.simulat  # noqa: B018
     with pytest.raises(ImportError):
-        from simulator import simulat  # noqa: F401
+        from simulator import nothing_of_the_kind  # noqa: F401
 
 
 def test_package_is_typed():

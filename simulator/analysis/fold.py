@@ -29,13 +29,13 @@ from simulator.model.elastomers import Number, largest_stretch
 from simulator.model.equations import OpenBalloon
 from simulator.model.membranes import Membrane
 from simulator.results.curve import Curve, FoldCurve, SpecialPoint
-from simulator.scenario import Problem, ScenarioError, dimension_of, dimensionless
+from simulator.scenario import Problem, ScenarioError, dimension_of, dimensionless, load_scenario
 from simulator.solver import follow
 from simulator.solver.follow import Effort
 from simulator.solver.newton import NotConverged
 
 if TYPE_CHECKING:
-    from simulator.scenario import Scenario
+    from simulator.scenario import Scenario, ScenarioLike
 
 FloatArray = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ _NO_VOLTAGE = 1e-4  # a voltage this small where the parameter turns round is ze
 
 
 def fold(
-    scenario: Scenario, vary: str, to: float | str, *, point: int = 1, inflation: str | None = None
+    scenario: ScenarioLike, vary: str, to: float | str, *, point: int = 1, inflation: str | None = None
 ) -> FoldCurve:
     """Follow a limit point of a scenario's equilibrium path while one of its numbers changes.
 
@@ -85,6 +85,7 @@ def fold(
     >>> curve.end, round(float(curve.voltage[-1]), 6)
     ('reached', 0.395319)
     """
+    scenario = load_scenario(scenario)
     varied = Varied.of(scenario, vary)
     dimension = dimension_of(scenario, vary)
     to = dimensionless(scenario, "to", to, dimension)

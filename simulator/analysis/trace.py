@@ -18,11 +18,11 @@ from simulator.model.device import Device
 from simulator.model.drive import VoltageLine
 from simulator.model.groups import Group
 from simulator.results.curve import Curve, SpecialPoint
-from simulator.scenario import Problem, ScenarioError, dimensionless
+from simulator.scenario import Problem, ScenarioError, dimensionless, load_scenario
 from simulator.units import PRESSURE, VOLTAGE
 
 if TYPE_CHECKING:
-    from simulator.scenario import Scenario
+    from simulator.scenario import Scenario, ScenarioLike
 
 FloatArray = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ __all__ = ["rests", "sealed_state", "trace", "trace_all", "trace_inflation"]
 
 
 def trace(
-    scenario: Scenario,
+    scenario: ScenarioLike,
     *,
     to_voltage: float | str | None = None,
     to_stretch: float | None = None,
@@ -42,7 +42,7 @@ def trace(
 
     Parameters
     ----------
-    scenario : Scenario
+    scenario : Scenario, path or mapping
     to_voltage : float or str, optional
         Voltage at which to stop, over H√(μ/ε); with [scales] also a text with a unit.
     to_stretch : float, optional
@@ -65,22 +65,23 @@ def trace(
 
     Examples
     --------
-    >>> from simulator import load_scenario
-    >>> curve = trace(load_scenario("scenarios/fig3c_state_b.toml"))
+    >>> curve = trace("scenarios/fig3c_state_b.toml")
     >>> [(point.kind, round(float(point.voltage[0]), 6)) for point in curve.points]
     [('limit_point', 0.360441), ('limit_point', 0.270291), ('loss_of_tension', 0.500372)]
     """
+    scenario = load_scenario(scenario)
     to_drive = None if to_voltage is None else dimensionless(scenario, "to_voltage", to_voltage, VOLTAGE, 0.0)
     _check_stretch(scenario, to_stretch)
     device, group, start = sealed_state(scenario)
     return _traced(scenario, device, group, start, to_drive, to_stretch)
 
 
-def trace_all(scenario: Scenario) -> tuple[Curve, ...]:
+def trace_all(scenario: ScenarioLike) -> tuple[Curve, ...]:
     """The path of `trace`, and those detached from it on the same contents.
 
     The detached ones are those through any other equilibrium at zero voltage. Raises as `trace`.
     """
+    scenario = load_scenario(scenario)
     device, group, start = sealed_state(scenario)
     curves = [_traced(scenario, device, group, start, None, None)]
     for rest in rests(device, group.equations.gas):  # type: ignore[union-attr]
@@ -91,7 +92,7 @@ def trace_all(scenario: Scenario) -> tuple[Curve, ...]:
 
 
 def trace_inflation(
-    scenario: Scenario,
+    scenario: ScenarioLike,
     balloon: str | None = None,
     *,
     to_pressure: float | str | None = None,
@@ -122,6 +123,7 @@ def trace_inflation(
     PathError
         If the path cannot be followed.
     """
+    scenario = load_scenario(scenario)
     device = Device.from_scenario(scenario)
     if balloon is not None and balloon not in device.names:
         raise ScenarioError(

@@ -14,7 +14,7 @@ from simulator.scenario.device import (
     Maxwell,
     PowerBreakdown,
 )
-from simulator.scenario.document import Scenario, load_scenario
+from simulator.scenario.document import Scenario, ScenarioLike, load_scenario
 from simulator.scenario.elastomer import (
     ArrudaBoyce,
     Elastomer,
@@ -91,6 +91,7 @@ __all__ = [
     "Reference",
     "Scenario",
     "ScenarioError",
+    "ScenarioLike",
     "Sine",
     "SineByName",
     "SineWave",

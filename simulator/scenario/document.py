@@ -151,7 +151,11 @@ class Scenario(Frozen):
         return self.model_dump(mode="json", by_alias=True, exclude_unset=True)
 
 
-def load_scenario(source: str | os.PathLike[str] | Mapping[str, Any] | Scenario) -> Scenario:
+# A scenario, or what `load_scenario` makes one of.
+ScenarioLike = Scenario | str | os.PathLike[str] | Mapping[str, Any]
+
+
+def load_scenario(source: ScenarioLike) -> Scenario:
     """Read and check a scenario.
 
     Parameters

@@ -8,9 +8,8 @@ own time (`real_time`). What is seen goes to the record (`recorder`), energies t
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from os import PathLike
-from typing import TYPE_CHECKING, Any, Protocol
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from simulator.simulation.quasi_static import QuasiStatic
 from simulator.simulation.recorder import Recorder
 
 if TYPE_CHECKING:
-    from simulator.scenario import PlayedStep, Scenario
+    from simulator.scenario import PlayedStep, Scenario, ScenarioLike
     from simulator.simulation.until import Watch
     from simulator.solver.follow import Effort
 
@@ -71,7 +70,7 @@ class Kinetics(Protocol):
 
 
 def simulate(
-    scenario: Scenario | str | PathLike[str] | Mapping[str, Any],
+    scenario: ScenarioLike,
     *,
     progress: Callable[[float], None] | None = None,
 ) -> History:
