@@ -9,17 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from simulator import load_scenario, simulate
-from simulator.cli.app import app
 from simulator.solver import certify, flow, landing, newton, proposals
 from tests import fuzz
 from tests.pairs import pair
 from tests.studies.stress import FAILS, Case, Finding, Row, cases, examine
+from tests.studies.stress.__main__ import main
 from tests.studies.stress.case import counted
 from tests.studies.stress.cost import shares
-from tests.studies.stress.page import stability_page
+from tests.studies.stress.page import Effort, stability_page
 from tests.studies.stress.sabotage import Disturbance, Tally, difference, disturbances, random_pairs, tallies
 from tests.studies.stress.voltages import coincidence
 
@@ -240,7 +239,7 @@ def test_the_committed_page_has_every_case_with_its_outcome(committed: str) -> N
 
 def test_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     some = {"Some": [CASES["P₀ = 0"], CASES["P₀ at the snap, radius 1"]]}
-    monkeypatch.setattr("tests.studies.stress.page.groups", lambda: some)
+    monkeypatch.setattr("tests.studies.stress.page.groups", lambda *_: some)
     monkeypatch.setattr("tests.studies.stress.page.random_pairs", lambda _: [])
     monkeypatch.setattr("tests.studies.stress.page._shipped", lambda _: [load_scenario(SHIPPED[0])])
     monkeypatch.setattr("tests.studies.stress.page.disturbances", lambda: disturbances()[:2])
@@ -262,17 +261,16 @@ def test_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "| worst: lost state | 1.0e-07, 12 |" in page
 
 
-def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        "tests.studies.stress.page.stability_page", lambda scenarios, fuzz: f"{scenarios} {fuzz}"
-    )
-    done = CliRunner().invoke(app.app, ["stress", "--out", str(tmp_path), "--scenarios", "there"])
-    assert (done.exit_code, done.stdout) == (0, f"files    {tmp_path}: stability.md\n")
-    assert (tmp_path / "stability.md").read_text() == f"there {tmp_path / 'fuzz.json'}"
+def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("tests.studies.stress.__main__.stability_page", lambda *given: f"{given}")
+    options = ["--repeat", "1", "--rows", "50", "--cycles", "2", "--pairs", "4"]
+    assert main(["--out", str(tmp_path), "--scenarios", "there", *options]) == 0
+    assert capsys.readouterr() == (f"files    {tmp_path}: stability.md\n", "")
+    asked = (Path("there"), tmp_path / "fuzz.json", Effort(1, 50, 2, 4))
+    assert (tmp_path / "stability.md").read_text() == f"{asked}"
 
 
-def test_a_folder_without_scenarios_is_said(tmp_path: Path) -> None:
-    done = CliRunner().invoke(app.app, ["stress", "--out", str(tmp_path / "x"), "--scenarios", str(tmp_path)])
-    assert done.exit_code == 2
-    assert f"{tmp_path}: scenarios: must hold the paper's fig*.toml" in done.stderr
+def test_a_folder_without_scenarios_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--out", str(tmp_path / "x"), "--scenarios", str(tmp_path)]) == 2
+    assert f"{tmp_path}: scenarios: must hold the paper's fig*.toml" in capsys.readouterr().err
     assert not (tmp_path / "x").exists()

@@ -8,8 +8,6 @@ import mpmath as mp
 import numpy as np
 import pandas as pd
 import pytest
-from pairs import gent_force, pair, single
-from test_export import EXACT
 from typer.testing import CliRunner
 
 from simulator.analysis.trace import rests, sealed_state, trace, trace_all, trace_inflation
@@ -20,6 +18,8 @@ from simulator.results.tables import curve_columns, point_columns, write_curves
 from simulator.scenario import ScenarioError, load_scenario
 from simulator.solver.follow import PathError
 from tests.closed_form import Pair
+from tests.pairs import gent_force, pair, single
+from tests.test_export import EXACT
 
 ROOT = Path(__file__).parent.parent
 SCENARIOS = sorted((ROOT / "scenarios").glob("*.toml"))
