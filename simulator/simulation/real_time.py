@@ -15,7 +15,7 @@ from simulator.model.groups import Group
 from simulator.results.history import Outcome
 from simulator.simulation.atlas import loses_tension
 from simulator.simulation.run import _Run
-from simulator.solver.viscous import Branch, Flow, Material, Passage
+from simulator.solver.viscous import Flow, Material, MaxwellBranch, Passage
 
 if TYPE_CHECKING:
     from simulator.scenario import PlayedStep, Scenario
@@ -34,7 +34,9 @@ class CreepingRun(_Run):
         self.material = Material(
             tuple(dynamics.relaxation_of(balloon.name) for balloon in scenario.balloons),
             tuple(
-                None if balloon.maxwell is None else Branch(balloon.maxwell.modulus, balloon.maxwell.time)
+                None
+                if balloon.maxwell is None
+                else MaxwellBranch(balloon.maxwell.modulus, balloon.maxwell.time)
                 for balloon in scenario.balloons
             ),
         )

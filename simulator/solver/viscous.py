@@ -40,7 +40,7 @@ _SPRING = NeoHookean()
 
 
 @dataclass(frozen=True)
-class Branch:
+class MaxwellBranch:
     """A Maxwell branch: its modulus, over the reference balloon's, and its relaxation time."""
 
     modulus: float
@@ -52,7 +52,7 @@ class Material:
     """How the balloons take their time: relaxation times and Maxwell branches, one or None for each."""
 
     relaxation: tuple[float, ...]
-    branches: tuple[Branch | None, ...]
+    branches: tuple[MaxwellBranch | None, ...]
 
     @property
     def creeping(self) -> tuple[int, ...]:
@@ -120,7 +120,7 @@ class Flow:
             return [*own, group.equations.gas_pressure(own, v), v]
         return [*own, v]
 
-    def spring(self, stretch: float, inner: float, branch: Branch) -> tuple[float, float]:
+    def spring(self, stretch: float, inner: float, branch: MaxwellBranch) -> tuple[float, float]:
         """The branch's share of g, and dξ/dt."""
         ratio = stretch / inner
         force = tension_force(_SPRING, ratio)
