@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -115,7 +116,7 @@ def test_an_error_that_is_no_number_is_none() -> None:
 # -- never silently wrong ------------------------------------------------------------------------------
 
 
-def disturbed(name: str, scenarios: list[dict]) -> Tally:
+def disturbed(name: str, scenarios: list[dict[str, Any]]) -> Tally:
     (tally,) = tallies(scenarios, [DISTURBANCES[name]])
     return tally
 
@@ -182,7 +183,7 @@ def test_difference() -> None:
     assert difference(one, snapped) == float("inf")
 
 
-def test_disturbances_leave_nothing_behind() -> None:
+def test_disturbances_leave_nothing_behind():
     before = (follow._integrate, follow.newton, flow.integrate, flow.newton, follow._ATTEMPTS)
     tallies(SNAPPING[:1], disturbances())
     assert before == (
