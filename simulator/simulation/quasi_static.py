@@ -19,14 +19,14 @@ from simulator.simulation.playback import Playback, record_exits
 from simulator.simulation.present import unknowns_of
 from simulator.simulation.recorder import sample_fractions
 from simulator.solver.flow import Rest
-from simulator.solver.newton import softest_change
+from simulator.solver.singular import softest_change
 
 if TYPE_CHECKING:
     from simulator.scenario import PlayedStep, Scenario
     from simulator.simulation.books import Books
     from simulator.simulation.recorder import Recorder
     from simulator.simulation.until import Watch
-    from simulator.solver.follow import Effort
+    from simulator.solver.ida import Effort
 
 FloatArray = NDArray[np.float64]
 

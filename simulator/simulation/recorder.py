@@ -15,7 +15,7 @@ from simulator.simulation.present import Present, Samples, Snapshot
 if TYPE_CHECKING:
     from simulator.scenario import Output, Scenario
     from simulator.simulation.books import Books
-    from simulator.solver.follow import Effort
+    from simulator.solver.ida import Effort
 
 FloatArray = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from scipy.optimize import brentq
 from simulator.analysis.path import whole_path
 from simulator.analysis.trace import sealed_state, trace
 from simulator.simulation.run import simulate
-from simulator.solver import follow
+from simulator.solver import proposals
 from tests.pairs import pair
 
 RUNS = int(os.environ.get("BALLOONS_RUNS", "10000"))
@@ -116,17 +116,17 @@ def test_memory_is_flat():
 def pieces_of(scenario):
     """What IDA is asked to integrate in a trace, to be asked again without anything around it."""
     asked = []
-    integrate = follow._integrate
+    by_ida = proposals.by_ida
 
     def noted(*words):
         asked.append(words)
-        return integrate(*words)
+        return by_ida(*words)
 
-    follow._integrate = noted
+    proposals.by_ida = noted
     try:
         trace(scenario)
     finally:
-        follow._integrate = integrate
+        proposals.by_ida = by_ida
     return asked
 
 
@@ -139,4 +139,4 @@ def test_trace(benchmark, what):
         benchmark(whole_path, group, start)
     else:
         asked = [words for words in pieces_of(scenario) if words[0].has_pressure]
-        benchmark(lambda: [follow._integrate(*words) for words in asked])
+        benchmark(lambda: [proposals.by_ida(*words) for words in asked])
