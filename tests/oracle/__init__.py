@@ -1,0 +1,1 @@
+"""References that know the physics and nothing of the solver that is held against them."""
