@@ -3,8 +3,8 @@
     python -m tests.fuzz.metamorphic N --seed S
 
 What a twin is written like differs, what happens does not: balloons in another order, voltages of the other
-sign, other units, a cycle written out, a ramp in two halves or as a table, a chamber of no volume, a strength that
-is never reached, another tolerance, other samples.
+sign, other units, a cycle written out, a ramp in two halves or as a table, a chamber of no volume, a
+strength that is never reached, another tolerance, other samples.
 """
 
 from __future__ import annotations

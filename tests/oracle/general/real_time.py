@@ -196,6 +196,7 @@ class _Player:
         self.doubts: list[str] = []
         self.wanted = samples
         self.sampled: list[FloatArray] = []
+        self.sampled_at: list[tuple[float, int]] = []
         self._seal()
 
     def play(self) -> None:
@@ -215,6 +216,8 @@ class _Player:
             doubts,
             certain,
             samples=np.array(self.sampled).reshape(len(self.sampled), self.motion.count),
+            sample_times=np.array([time for time, _ in self.sampled_at]),
+            sample_steps=np.array([step for _, step in self.sampled_at]),
             dissipated=float(self.state[-1]),
         )
 
@@ -260,6 +263,7 @@ class _Player:
         times = self._times(start + part.begin, part.lasts)
         leg = follow(self.motion, drive, self.state, times, self.method)
         self.sampled += [y[: self.motion.count] for y in leg.states]
+        self.sampled_at += [(start + part.begin + t, self.step) for t in times[: len(leg.states)]]
         for crossing in leg.crossings:
             self.state = crossing.state
             self.clock = start + part.begin + crossing.time

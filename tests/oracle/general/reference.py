@@ -49,6 +49,7 @@ class Reference:
     certain : int
         How many of the events are certain.
     samples : (n, n_balloons) array or None
+        Stretches at `sample_times` in `sample_steps`.
     dissipated : float
         In all.
     """
@@ -60,4 +61,6 @@ class Reference:
     undecided: tuple[str, ...]
     certain: int
     samples: FloatArray | None = None
+    sample_times: FloatArray | None = None
+    sample_steps: FloatArray | None = None
     dissipated: float = float("nan")
