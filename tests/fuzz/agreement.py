@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator import History, load_scenario, simulate
+from tests.fuzz import happenings
 from tests.fuzz.running import Ran, Runner
 from tests.fuzz.soundness import problems_of
 from tests.oracle.general.reference import Reference, State
@@ -109,6 +110,12 @@ def examine(document: Document, runner: Runner, reference_runner: Runner) -> Ver
     _judge_end(verdict, ran)
     if verdict.kind in ("crash", "hang") or history is None:
         return verdict
+    if "dynamics" not in document and not verdict.problems:
+        judged = reference_runner.call(happenings.problems_of, history)
+        if judged.end == "returned":
+            verdict.problems += judged.value
+        elif judged.end == "crash":
+            verdict.problems.append(f"judging the events: {judged.error}")
     found = reference_runner.call(reference_of, document, history.time, history.step)
     verdict.seconds["reference"] = found.seconds
     if found.end != "returned":

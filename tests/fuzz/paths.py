@@ -25,11 +25,17 @@ FARTHEST = 1e5  # a pressure or voltage that is as good as infinite
 
 
 def hessian(
-    gas: Any, balloons: Any, walls: list[Wall], stretch: FloatArray, pressure: float, voltage: FloatArray
+    gas: Any,
+    balloons: Any,
+    walls: list[Wall],
+    stretch: FloatArray,
+    pressure: float,
+    voltage: FloatArray,
+    more: FloatArray | float = 0.0,
 ) -> tuple[FloatArray, float]:
     """The Hessian of Π with the valve closed, in the stretches scaled by √(r²hk); and the size of its terms.
 
-    That of a liquid is restricted to the surface of constant volume.
+    That of a liquid is restricted to the surface of constant volume. `more` is added to its diagonal.
     """
     count = len(walls)
     volume = gas.chamber + sum(b.radius**3 * x**3 / 3.0 for b, x in zip(balloons, stretch, strict=True))
@@ -45,7 +51,7 @@ def hessian(
             for wall, b, x, v in zip(walls, balloons, stretch, voltage, strict=True)
         ]
     )
-    out = np.diag(terms.sum(axis=1))
+    out = np.diag(terms.sum(axis=1) + more)
     size = float(np.max(np.abs(terms)))
     if gas.law == "liquid":
         if count == 1:

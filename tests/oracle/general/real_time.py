@@ -342,9 +342,7 @@ def _film(scenario: Scenario, balloon: Any) -> Film:
     assert scenario.dynamics is not None
     law = wall_of(balloon.elastomer)
     spring = None if balloon.maxwell is None else Spring(balloon.maxwell.modulus, balloon.maxwell.time)
-    strength = None
-    if balloon.breakdown is not None:
-        strength = partial(_strength, breakdown=balloon.breakdown, thickness=balloon.thickness)
+    strength = None if balloon.breakdown is None else strength_of(balloon)
     return Film(
         balloon.radius,
         balloon.thickness,
@@ -357,6 +355,11 @@ def _film(scenario: Scenario, balloon: Any) -> Film:
         scenario.dynamics.relaxation_of(balloon.name),
         spring,
     )
+
+
+def strength_of(balloon: Any) -> Callable[[float], float]:
+    """E_b of a film over its stretch."""
+    return partial(_strength, breakdown=balloon.breakdown, thickness=balloon.thickness)
 
 
 def _strength(stretch: float, breakdown: Any, thickness: float) -> float:
