@@ -1,8 +1,8 @@
 """Whether events happened where they say, and none was passed unseen: by the equations alone.
 
-For quasi-static histories: at a limit point the Hessian is singular, at a breakdown a film is at its strength;
-where tension is lost there is no pressure. Every sample is stable, taut and below every strength. What is
-left is where the flow leads, integrated anew by SciPy.
+For quasi-static histories. At a limit point the Hessian is singular, at a breakdown a film is at its
+strength, where tension is lost there is no pressure. Every sample is stable, taut and below every strength.
+What is left after a snap or a jump is where the flow leads, integrated anew by SciPy.
 """
 
 from __future__ import annotations
