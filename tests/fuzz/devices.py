@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from pathlib import Path
 from typing import Any
 
@@ -43,12 +44,12 @@ def balloons(rng: Rng, wild: bool, folder: Path) -> list[Document]:
     names = [f"b{i}" for i in range(count)]
     if chance(rng, 0.12) and count > 1:  # all of one make
         model = _balloon(rng, wild, folder)
-        balloons = [{"name": name, **model} for name in names]
+        balloons = [{"name": name, **copy.deepcopy(model)} for name in names]
     else:
         balloons = [{"name": name, **_balloon(rng, wild, folder)} for name in names]
         if chance(rng, 0.4):  # all of one film
             for balloon in balloons[1:]:
-                balloon["elastomer"] = balloons[0]["elastomer"]
+                balloon["elastomer"] = dict(balloons[0]["elastomer"])
     if not any(b.get("electrodes") for b in balloons) and chance(rng, 0.95):
         balloons[int(rng.integers(count))]["electrodes"] = True
     for balloon in balloons:
