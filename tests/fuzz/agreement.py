@@ -46,6 +46,8 @@ class Verdict:
     ----------
     kind : {"agreed", "undecided", "solver_error", "disagreement", "crash", "hang"}
     problems : list of str
+    message : str
+        Of the error that the run ended with.
     outcome : str
         Of the simulator.
     compared : bool
@@ -56,6 +58,7 @@ class Verdict:
 
     kind: str = "agreed"
     problems: list[str] = field(default_factory=list)
+    message: str = ""
     outcome: str = "?"
     compared: bool = False
     events: int = 0
@@ -99,7 +102,7 @@ def examine(document: Document, runner: Runner, reference_runner: Runner) -> Ver
         Where the simulator and the reference are called.
     """
     ran = runner.call(history_of, document)
-    verdict = Verdict(seconds={"simulator": ran.seconds})
+    verdict = Verdict(seconds={"simulator": ran.seconds}, message=ran.error)
     history: History | None = ran.value
     if history is not None:
         verdict.outcome = history.outcome.value

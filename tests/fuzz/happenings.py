@@ -7,6 +7,7 @@ What is left after a snap or a jump is where the flow leads, integrated anew by 
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from functools import partial
 from typing import Any
@@ -26,6 +27,7 @@ SINGULAR = 1e-6  # of an eigenvalue, over the size of the Hessian's terms
 MARGIN = 1e-7
 LANDING = 1e-5
 _ENDS = ("loss_of_tension", "breakdown", "runaway", "out_of_range")
+_NUDGE = 3e-5
 _REST = 1e-10  # speed of a flow that has come to rest
 
 
@@ -186,6 +188,8 @@ class _Seen:
             ends = following is not None and following.time == event.time and following.kind in _ENDS
             if following is not None and following.time == event.time and not ends:
                 continue  # several snaps of one instant
+            if kind == "jump" and number > 0 and h.events[number - 1].time == event.time:
+                continue  # what was before it has moved already
             if np.max(np.abs(event.stretch_before - after)) < 1e-7:
                 continue
             try:
@@ -220,35 +224,44 @@ class _Seen:
                 stretch.tolist()
             ) ** gamma
             gas = partial(_sealed, constant=constant, gamma=gamma, ambient=scenario.ambient_pressure)
+        drive = Drive(1.0, lambda _: voltage, pressure, gas, math.inf)
         starts = [stretch]
-        if event.kind == "limit_point":
-            drive = Drive(1.0, lambda _: voltage, pressure, gas, math.inf)
+        speed = motion.rates(0.0, np.concatenate([stretch, [0.0]]), drive)[:-1]
+        balanced = float(np.max(np.abs(speed))) < _REST
+        if event.kind == "limit_point" or balanced:
             diagonal, coupling = motion.slopes(0.0, stretch.tolist(), voltage, drive)
             values, vectors = np.linalg.eig(np.diag(diagonal) + coupling)
-            soft = np.real(vectors[:, int(np.argmin(np.abs(values)))])
+            order = np.argsort(np.real(values))
+            if len(values) > 1 and abs(values[order[1]]) < 1e-4 * abs(values[order[-1]]) + 1e-9:
+                return None  # several balloons at once
+            soft = np.real(vectors[:, order[0]])
             soft /= np.max(np.abs(soft))
-            starts = [stretch + sign * 3e-5 * soft for sign in (1.0, -1.0)]
-        best: tuple[str, FloatArray] | None = None
-        for start in starts:
-            state = np.concatenate([start, [0.0]])
-            drive = Drive(1.0, lambda _: voltage, pressure, gas, math.inf)
-            end = None
-            for lasts in (1.0, 1e2, 1e4, 1e6, 1e8, 1e10):
-                drive = Drive(lasts, lambda _: voltage, pressure, gas, math.inf)
-                leg = follow(motion, drive, state, np.zeros(0), "LSODA")
-                state = leg.state
-                if leg.ended:
-                    end = leg.crossings[-1].kind
-                    break
-                if np.max(np.abs(motion.rates(0.0, state, drive)[:-1])) < _REST:
-                    end = "rest"
-                    break
-            moved = np.max(np.abs(state[:-1] - stretch))
-            if end is not None and (len(starts) == 1 or moved > 1e-3):
-                if best is not None:
-                    return None  # both ways lead away: no simple fold
-                best = end, state[:-1]
-        return best
+            starts = [stretch + sign * _NUDGE * soft for sign in (1.0, -1.0)]
+        found = [self.flow(motion, drive, start) for start in starts]
+        away = [
+            one for one in found if one is not None and (len(starts) == 1 or _apart(one[1], stretch) > 1e-3)
+        ]
+        if event.kind == "limit_point" and len(away) != 1:
+            return None  # no simple fold
+        # A state that is left without what held it leaves on the side on which the potential falls more.
+        best = max(away, key=lambda one: one[2], default=None)
+        return None if best is None or (len(away) < len(starts) and balanced) else best[:2]
+
+    def flow(self, motion: Motion, drive: Drive, start: FloatArray) -> tuple[str, FloatArray, float] | None:
+        """How a flow ends, where, and what the potential has lost."""
+        state = np.concatenate([start, [0.0]])
+        for lasts in (1.0, 1e2, 1e4, 1e6, 1e8, 1e10):
+            leg = follow(motion, dataclasses.replace(drive, lasts=lasts), state, np.zeros(0), "LSODA")
+            state = leg.state
+            if leg.ended:
+                return leg.crossings[-1].kind, state[:-1], float(state[-1])
+            if np.max(np.abs(motion.rates(0.0, state, drive)[:-1])) < _REST:
+                return "rest", state[:-1], float(state[-1])
+        return None
+
+
+def _apart(one: FloatArray, other: FloatArray) -> float:
+    return float(np.max(np.abs(one - other)))
 
 
 def _held(pressure: float, _: float) -> float:

@@ -86,8 +86,12 @@ def main() -> int:
                     worst[what] = max(worst.get(what, (-1.0, 0)), (error, number))
             if verdict.kind in WRONG or verdict.kind == "solver_error":
                 file = options.keep / f"{verdict.kind}-{number}.json"
-                keep(document, file, kind=verdict.kind, problems=verdict.problems)
-                print(f"{file}: " + "; ".join(verdict.problems[:3]), file=sys.stderr, flush=True)
+                keep(document, file, kind=verdict.kind, problems=verdict.problems, message=verdict.message)
+                print(
+                    f"{file}: " + "; ".join(verdict.problems[:3] or [verdict.message]),
+                    file=sys.stderr,
+                    flush=True,
+                )
     print("  ".join(f"{name} {count}" for name, count in totals.items()))
     print("verdicts:  " + "  ".join(f"{kind} {count}" for kind, count in kinds.most_common()))
     print("outcomes:  " + "  ".join(f"{name} {count}" for name, count in outcomes.most_common()))
