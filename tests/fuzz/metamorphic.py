@@ -336,15 +336,16 @@ def difference(one: History, other: History, twin: Twin) -> str | None:
         ("end: stretch", one.stretch[-1], other.stretch[-1][order], LOST_STATE),
         ("end: pressure", one.pressure[-1], other.pressure[-1], LOST_STATE),
     ]
-    if twin.sampled:
-        if one.time.size != other.time.size:
-            return f"{one.time.size} samples, then {other.time.size}"
+    counts = one.time.size, other.time.size
+    if twin.sampled and counts[0] == counts[1]:
         checks.append(("samples: stretch", one.stretch, other.stretch[:, order], LOST_STATE))
     for what, a, b, allowed in checks:
         size = np.maximum(1.0, np.abs(a))
         apart = float(np.max(np.abs(np.subtract(a, b)) / size, initial=0.0))
         if not apart <= (max(allowed, REAL_TIME) if real else allowed):
             return f"{what} differs by {apart:.2g}"
+    if twin.sampled and counts[0] != counts[1]:
+        return f"{counts[0]} samples, then {counts[1]}"
     return None
 
 
