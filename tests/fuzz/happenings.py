@@ -116,7 +116,7 @@ class _Seen:
                 if near > SINGULAR:
                     out.append(f"{where}: the Hessian is {near:.2g} from singular")
             elif kind == "breakdown":
-                share = self.share(event.stretch_before, voltage)
+                share = self.share(event.stretch_before, np.asarray(event.voltage) if jumped else voltage)
                 if share < 1.0 - MARGIN or (share > 1.0 + MARGIN and not jumped):
                     out.append(f"{where}: the field is {share!r} of the strength")
             elif kind == "loss_of_tension" and self.scenario.gas.law != "liquid":
@@ -227,8 +227,8 @@ class _Seen:
         drive = Drive(1.0, lambda _: voltage, pressure, gas, math.inf)
         starts = [stretch]
         speed = motion.rates(0.0, np.concatenate([stretch, [0.0]]), drive)[:-1]
-        balanced = float(np.max(np.abs(speed))) < _REST
-        if event.kind == "limit_point" or balanced:
+        released = event.kind == "jump" and float(np.max(np.abs(speed))) < _REST
+        if event.kind == "limit_point" or released:
             diagonal, coupling = motion.slopes(0.0, stretch.tolist(), voltage, drive)
             values, vectors = np.linalg.eig(np.diag(diagonal) + coupling)
             order = np.argsort(np.real(values))
@@ -245,7 +245,7 @@ class _Seen:
             return None  # no simple fold
         # A state that is left without what held it leaves on the side on which the potential falls more.
         best = max(away, key=lambda one: one[2], default=None)
-        return None if best is None or (len(away) < len(starts) and balanced) else best[:2]
+        return None if best is None or (released and len(away) < 2) else best[:2]
 
     def flow(self, motion: Motion, drive: Drive, start: FloatArray) -> tuple[str, FloatArray, float] | None:
         """How a flow ends, where, and what the potential has lost."""
