@@ -250,6 +250,9 @@ class _Seen:
     def flow(self, motion: Motion, drive: Drive, start: FloatArray) -> tuple[str, FloatArray, float] | None:
         """How a flow ends, where, and what the potential has lost."""
         state = np.concatenate([start, [0.0]])
+        for kind, _, margin in motion.margins(0.0, state, drive):
+            if kind == "breakdown" and margin <= 0.0:
+                return kind, start, 0.0
         for lasts in (1.0, 1e2, 1e4, 1e6, 1e8, 1e10):
             leg = follow(motion, dataclasses.replace(drive, lasts=lasts), state, np.zeros(0), "LSODA")
             state = leg.state
