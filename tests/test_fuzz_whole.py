@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from simulator import History, load_scenario, simulate
-from tests.fuzz import grammar, happenings, metamorphic, soundness
+from tests.fuzz import grammar, happenings, metamorphic, soundness, twins
 from tests.fuzz.keeping import keep, kept
 from tests.fuzz.running import Runner
 from tests.oracle.general.walls import gent
@@ -45,7 +45,7 @@ def test_scenarios_have_every_part_of_the_grammar(tmp_path: Path) -> None:
         for balloon in document["balloon"]:
             seen.update(list(balloon))
             seen[balloon["elastomer"].get("model", "preset")] += 1
-        for step in metamorphic.written_out(document["step"]):
+        for step in twins.written_out(document["step"]):
             seen.update(list(step))
             seen.update(list(step.get("until", {})))
         seen["cycle"] += sum("cycle" in step for step in document["step"])
@@ -124,7 +124,8 @@ def _with_event(history: History, number: int, **changed: Any) -> History:
 def _with_row(history: History, name: str, row: int, shift: float) -> History:
     column = np.array(getattr(history, name))
     column[row] += shift
-    return replace(history, **{name: column})
+    changed: dict[str, Any] = {name: column}
+    return replace(history, **changed)
 
 
 @pytest.mark.parametrize(
@@ -161,14 +162,15 @@ def test_an_unstable_sample_is_seen(loop: History) -> None:
     for name, value in columns.items():
         column = np.array(getattr(wrong, name))
         column[150] = value
-        wrong = replace(wrong, **{name: column})
+        changed: dict[str, Any] = {name: column}
+        wrong = replace(wrong, **changed)
     assert any("unstable" in problem for problem in happenings.problems_of(wrong))
 
 
 def test_twins_have_the_same_history(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     made = 0
-    for twin in metamorphic.TWINS.values():
+    for twin in twins.TWINS.values():
         other = twin(LOOP, rng, tmp_path)
         if other is not None:
             made += 1
@@ -181,7 +183,7 @@ def test_twins_that_differ_are_seen() -> None:
     first = simulate(load_scenario(LOOP))
     for changed in ({"ambient_pressure": 0.0150001}, {"ambient_pressure": 0.2}):
         second = simulate(load_scenario({**LOOP, "gas": changed}))
-        assert metamorphic.difference(first, second, metamorphic.Twin(LOOP)) is not None
+        assert metamorphic.difference(first, second, twins.Twin(LOOP)) is not None
 
 
 def _sleeps() -> None:

@@ -22,9 +22,7 @@ def balloon(**more: Any) -> dict[str, Any]:
     return {"name": "a", "elastomer": {"model": "gent", "J_lim": 100.0}, **more}
 
 
-def scenario(
-    steps: list[dict[str, Any]], relaxation: float, *balloons: dict[str, Any], ambient: float = 1.0
-) -> Any:
+def scenario(steps: list[Any], relaxation: float, *balloons: dict[str, Any], ambient: float = 1.0) -> Any:
     return {
         "title": "t",
         "gas": {"ambient_pressure": ambient},
@@ -47,7 +45,7 @@ SMALL = 1e-6  # a pressure at which strains are 1e-7
 
 def stretched(time: float, relaxation: float, **more: Any) -> float:
     """λ − 1 a time after a small pressure is put on at once, valve open, over its value at rest."""
-    steps = [{"inflate": SMALL, "over": 1e-9 * relaxation}, {"hold": time, "valve": "open"}]
+    steps: list[Any] = [{"inflate": SMALL, "over": 1e-9 * relaxation}, {"hold": time, "valve": "open"}]
     found = play_real_time(scenario(steps, relaxation, balloon(**more)))
     assert not found.undecided
     assert found.end is not None
@@ -96,7 +94,7 @@ def test_a_limit_point_comes_late_by_the_two_thirds_power_of_the_relaxation_time
 
 def test_the_quasi_static_history_is_the_limit_of_fast_balloons() -> None:
     pair = [balloon(electrodes=True), {**balloon(), "name": "b"}]
-    steps = [{"inflate": 1.2, "over": 10.0}, {"ramp": 0.3, "over": 100.0}]
+    steps: list[Any] = [{"inflate": 1.2, "over": 10.0}, {"ramp": 0.3, "over": 100.0}]
     found = play_real_time(scenario(steps, 1e-5, *pair, ambient=0.015))
     assert not found.events
     assert found.end is not None
@@ -152,7 +150,11 @@ def test_tension_is_lost_where_a_gas_without_pressure_is_sealed() -> None:
 
 def test_heat_is_what_the_supply_did_and_nothing_stored() -> None:
     """Inflated and deflated: all of the work became heat."""
-    steps = [{"inflate": 1.0, "over": 0.5}, {"inflate": 0.0, "over": 0.5}, {"hold": 50.0, "valve": "open"}]
+    steps: list[Any] = [
+        {"inflate": 1.0, "over": 0.5},
+        {"inflate": 0.0, "over": 0.5},
+        {"hold": 50.0, "valve": "open"},
+    ]
     found = play_real_time(scenario(steps, 1.0))
     times = np.linspace(0.0, 1.0, 2001)[1:]
     sampled = play_real_time(scenario(steps[:2], 1.0), (times, np.where(times <= 0.5, 1, 2)))

@@ -84,7 +84,7 @@ class Course:
         if self.dynamic:
             kinds["ramp"] += kinds.pop("charge")
         kind = str(rng.choice(list(kinds), p=list(kinds.values())))
-        step = getattr(self, f"_{kind}")()
+        step: Document = getattr(self, f"_{kind}")()
         step.update(self.valve(0.1))
         if kind in ("ramp", "charge", "sine", "triangle", "table") and not self.dynamic and chance(rng, 0.15):
             step["until"] = self.until(step)

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from simulator.elastomer import Gent, Ogden
 from tests.fuzz.chances import Rng, chance, log_uniform, rounded, table_file
+from tests.oracle.general.walls import gent, ogden
 
 Document = dict[str, Any]
 
@@ -137,18 +137,15 @@ def _ogden(rng: Rng) -> Document:
 
 def _measured(rng: Rng, folder: Path) -> str:
     """A measured curve: the rows of a smooth law, at smoothly spaced stretches, of many or few digits."""
-    law = (
-        Gent(float(rng.uniform(20.0, 200.0)))
-        if chance(rng, 0.7)
-        else Ogden((1.49, 0.003, -0.024), (1.3, 5.0, -2.0))
-    )
-    last = float(rng.uniform(2.0, 0.8 * min(law.stretch_limit, 8.0)))
-    stretches = np.round(
-        1.0 + (last - 1.0) * np.linspace(0.0, 1.0, int(rng.integers(14, 40))) ** rng.uniform(1.0, 1.5), 4
-    )
-    numerator, denominator = law.pole_form(stretches)
+    if chance(rng, 0.7):
+        law = gent(float(rng.uniform(20.0, 200.0)))
+    else:
+        law = ogden((1.49, 0.003, -0.024), (1.3, 5.0, -2.0))
+    last = float(rng.uniform(2.0, 0.8 * min(law.limit, 8.0)))
+    spread = np.linspace(0.0, 1.0, int(rng.integers(14, 40))) ** rng.uniform(1.0, 1.5)
+    stretches = np.round(1.0 + (last - 1.0) * spread, 4)
     kind = str(rng.choice(["stress", "pressure"]))
-    forces = numerator / denominator
+    forces = np.array([law.force(x) for x in stretches.tolist()])
     values = np.round(forces / (2.0 if kind == "stress" else stretches**2), int(rng.choice([7, 10])))
     rows = [f"{x!r},{y!r}" for x, y in zip(stretches.tolist(), values.tolist(), strict=True)]
     return table_file(folder, "\n".join([f"stretch,{kind}", *rows]) + "\n")

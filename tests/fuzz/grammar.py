@@ -67,8 +67,8 @@ def _length(step: Document) -> float:
     if "cycle" in step:
         return max(map(_length, step["steps"]))
     if "sine" in step or "triangle" in step:
-        wave = step.get("sine") or step.get("triangle")
+        wave = step["sine"] if "sine" in step else step["triangle"]
         return float(wave["period"] * wave["cycles"])
     if "jump" in step or "table" in step:
         return 0.0
-    return float(step.get("hold", step.get("over", 1.0)))
+    return float(step["hold"] if "hold" in step else step.get("over", 1.0))

@@ -82,7 +82,7 @@ class _Seen:
         matrix, size = hessian(self.scenario.gas, self.balloons, self.walls, stretch, pressure, phi)
         if liquid and len(self.balloons) == 1:
             return np.ones(1)
-        return np.linalg.eigvalsh(matrix) / size
+        return np.asarray(np.linalg.eigvalsh(matrix) / size)
 
     def share(self, stretch: FloatArray, voltage: FloatArray) -> float:
         """The largest field over its strength."""
@@ -288,4 +288,4 @@ def _charged(seen: _Seen, stretch: FloatArray, pressure: float, phi: FloatArray)
     matrix, size = hessian(gas, seen.balloons, seen.walls, stretch, pressure, phi, films)
     if gas.law == "liquid" and len(films) == 1:
         return np.ones(1)
-    return np.linalg.eigvalsh(matrix) / max(size, float(np.max(films)))
+    return np.asarray(np.linalg.eigvalsh(matrix) / max(size, float(np.max(films))))

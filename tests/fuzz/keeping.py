@@ -36,7 +36,8 @@ def kept(file: Path, folder: Path) -> Document:
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in content.get(TABLES, {}).items():
         (folder / name).write_text(text)
-    return _renamed(content["scenario"], lambda name: str(folder / name))
+    document: Document = _renamed(content["scenario"], lambda name: str(folder / name))
+    return document
 
 
 def _renamed(item: Any, rename: Any) -> Any:

@@ -87,7 +87,9 @@ class Runner:
 
     def _open(self) -> Connection:
         if self._door is None:
-            context = multiprocessing.get_context("fork" if sys.platform.startswith("linux") else "spawn")
+            context: Any = multiprocessing.get_context(
+                "fork" if sys.platform.startswith("linux") else "spawn"
+            )
             self._door, theirs = context.Pipe()
             self._child = context.Process(target=_serve, args=(theirs,), daemon=True)
             self._child.start()

@@ -77,7 +77,9 @@ def with_units(rng: np.random.Generator, document: Document, share: float = 0.6)
             out[key] = measured(key, value) if key in _UNITS and (plain or by_name) else walked(value)
         return out
 
-    kept = {key: document[key] for key in ("title", "scales", "solver", "output") if key in document}
+    kept: Document = {
+        key: document[key] for key in ("title", "scales", "solver", "output") if key in document
+    }
     return {**{key: walked(value) for key, value in document.items() if key not in kept}, **kept}
 
 

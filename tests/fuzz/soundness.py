@@ -162,7 +162,7 @@ def _drive(history: History) -> list[str]:
     """Voltages, charges and pressures are those that the steps prescribe at their times."""
     names, films = list(history.balloons), list(history.electroded)
     places = [names.index(name) for name in films]
-    steps = list(history.scenario.played_steps())
+    steps: list[Any] = list(history.scenario.played_steps())
     unit = max([1.0, *np.max(np.abs(history.voltage), axis=0, initial=0.0)])
     clock = 0.0
     before = np.zeros(len(names))
@@ -170,7 +170,8 @@ def _drive(history: History) -> list[str]:
     given = "voltage"
     for number, step in enumerate(steps, start=1):
         rows = np.flatnonzero(history.step == number)
-        if rows.size and (charges := hasattr(step, "charge")):
+        charges = hasattr(step, "charge")
+        if rows.size and charges:
             given = "charge"
         elif rows.size and not (hasattr(step, "hold") or hasattr(step, "inflate")):
             given = "voltage"
@@ -183,12 +184,12 @@ def _drive(history: History) -> list[str]:
             parts = parts_of(step, names, films, before)
             for row in rows:
                 wanted = _voltages(parts, float(history.time[row]) - clock)
-                apart = min(
+                off = min(
                     float(np.max(np.abs(history.voltage[row] - candidate[places])))
                     for candidate in (*wanted, before)
                 )
-                if apart > DRIVE * unit:
-                    return [f"step {number}, sample {row}: the voltage is off the drive by {apart:.2g}"]
+                if off > DRIVE * unit:
+                    return [f"step {number}, sample {row}: the voltage is off the drive by {off:.2g}"]
             before = np.zeros(len(names))
             before[places] = history.voltage[rows[-1]]
         elif rows.size and films:

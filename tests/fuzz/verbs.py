@@ -21,23 +21,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator import load_scenario, simulate
+from simulator import (
+    all_sensitivities,
+    fold,
+    load_scenario,
+    load_sweep,
+    optimize,
+    read_question,
+    read_sweep,
+    run_sweep,
+    simulate,
+    trace,
+    trace_all,
+    trace_inflation,
+)
 from tests.fuzz import grammar
 from tests.fuzz.chances import chance, log_uniform
 from tests.fuzz.keeping import keep
 from tests.fuzz.paths import curve_problems, fold_problems
 from tests.fuzz.running import Ran, Runner
-
-try:  # one place for what is to become public
-    from simulator.analysis.fold import fold
-    from simulator.analysis.sensitivity import all_sensitivities
-    from simulator.analysis.trace import trace, trace_all, trace_inflation
-    from simulator.scenario.keys import with_values
-except ImportError:
-    from simulator.fold import fold
-    from simulator.keys import with_values
-    from simulator.sensitivity import all_sensitivities
-    from simulator.trace import trace, trace_all, trace_inflation
 
 FloatArray = NDArray[np.float64]
 Document = dict[str, Any]
@@ -72,24 +74,21 @@ def with_sensitivities(document: Document) -> tuple[Any, tuple[Any, ...]]:
 
 
 def swept(document: Document, vary: dict[str, list[float]], folder: str) -> list[dict[str, Any]]:
-    from simulator.sweep import load_table, read_sweep, run_sweep
-
     with ThreadPoolExecutor(1) as executor:
         run_sweep(read_sweep({"scenario": document, "vary": vary}), folder, executor=executor)
-    rows: list[dict[str, Any]] = load_table(folder).to_dict("records")
-    return rows
+    table: Any = load_sweep(folder)
+    table = table.to_dataframe().reset_index()
+    return [{str(key): value for key, value in row.items()} for row in table.to_dict("records")]
 
 
 def optimized(document: Document, vary: dict[str, Any], column: str) -> tuple[float, list[Any], Any]:
-    from simulator.sweep.optimum import optimize, read_question
-
     asked = {"scenario": document, "vary": vary, "maximize": column}
     found = optimize(read_question({**asked, "search": {"population": 2, "generations": 1}}))
     return found.value, [dict(row) for row in found.runs], found.row
 
 
-def played(document: Document) -> Any:
-    return simulate(load_scenario(document))
+def played(document: Document, values: dict[str, float]) -> Any:
+    return simulate(load_scenario(document).with_values(values))
 
 
 # ------------------------------------------------------------------------------------ what is asked
@@ -171,11 +170,12 @@ def _derivative_problems(document: Document, value: Any, rng: Rng, runner: Runne
     for place in rng.permutation(len(found))[:2]:
         one = found[int(place)]
         size = max(abs(one.parameter), 1e-3) * _STEP
-        moved = []
+        moved: list[float] = []
         for sign in (-1.0, 1.0):
-            ran = runner.call(played, with_values(document, {one.key: one.parameter + sign * size}))
-            moved.append(_value_of(one, history, ran))
-        if None in moved:
+            ran = runner.call(played, document, {one.key: one.parameter + sign * size})
+            if (other := _value_of(one, history, ran)) is not None:
+                moved.append(other)
+        if len(moved) < 2:
             continue  # the change of the number changes what happens
         slope = (moved[1] - moved[0]) / (2.0 * size)
         scale = max(abs(one.derivative), abs(one.value) / max(abs(one.parameter), 1e-3) * 1e-3)
@@ -203,7 +203,7 @@ def _value_of(one: Any, history: Any, ran: Ran) -> float | None:
 def _row_problems(document: Document, rows: list[dict[str, Any]], key: str, runner: Runner) -> list[str]:
     out = []
     for row in rows:
-        ran = runner.call(played, with_values(document, {key: row[key]}))
+        ran = runner.call(played, document, {key: row[key]})
         wanted = "failed" if ran.end == "raised" else ran.value.outcome.value if ran.value else "?"
         if row["outcome"] != wanted:
             out.append(f"a row with {key} = {row[key]!r} is {row['outcome']}, alone it is {wanted}")

@@ -19,7 +19,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from tests.fuzz import grammar
-from tests.fuzz.__main__ import with_progress
 from tests.fuzz.agreement import Verdict, examine
 from tests.fuzz.keeping import keep
 from tests.fuzz.running import Runner
@@ -48,6 +47,17 @@ def play(numbers: range, folder: Path, jobs: int) -> Iterator[Played]:
         return
     with ProcessPoolExecutor(jobs) as pool:
         yield from pool.map(numbered, numbers, [folder] * len(numbers), chunksize=4)
+
+
+def with_progress(played: Iterator[Played], total: int) -> Iterator[Played]:
+    """The same, telling on standard error how far it is: all along in a terminal, else at every tenth."""
+    start = time.perf_counter()
+    for count, item in enumerate(played, start=1):
+        yield item
+        if sys.stderr.isatty() or count * 10 // total > (count - 1) * 10 // total:
+            left = (time.perf_counter() - start) * (total - count) / count
+            end = "\r" if sys.stderr.isatty() and count < total else "\n"
+            print(f"{count} of {total}, {left:.0f} s to go   ", end=end, file=sys.stderr, flush=True)
 
 
 def fixed_slice(folder: Path) -> Iterator[Played]:

@@ -1,1 +1,1 @@
-"""References that know the physics and nothing of the solver that is held against them."""
+"""References that the simulator is measured against; none of them is part of the package."""

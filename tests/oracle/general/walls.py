@@ -79,10 +79,10 @@ def ogden(mu: Sequence[float], alpha: Sequence[float]) -> Wall:
     terms = [(m / size, a) for m, a in zip(mu, alpha, strict=True)]
 
     def force(x: float) -> float:
-        return 2.0 * sum(m * (x ** (a - 1.0) - x ** (-2.0 * a - 1.0)) for m, a in terms)
+        return 2.0 * math.fsum(m * (x ** (a - 1.0) - x ** (-2.0 * a - 1.0)) for m, a in terms)
 
     def stiffness(x: float) -> float:
-        return 2.0 * sum(
+        return 2.0 * math.fsum(
             m * ((a - 1.0) * x ** (a - 2.0) + (2.0 * a + 1.0) * x ** (-2.0 * a - 2.0)) for m, a in terms
         )
 
