@@ -43,7 +43,7 @@ demo: $(INSTALLED)
 	@echo "The picture:  results/$(DEMO)/history.png"
 
 test: $(INSTALLED)
-	$(BIN)/python -m pytest --numprocesses $(WORKERS) $(TESTS)
+	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal $(TESTS)
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix
@@ -56,10 +56,10 @@ check: $(INSTALLED)
 	$(BIN)/lint-imports
 
 coverage: $(INSTALLED)
-	$(BIN)/python -m pytest --numprocesses $(WORKERS) --cov --cov-report=term-missing $(TESTS)
+	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal --cov --cov-report=term-missing $(TESTS)
 
 lowest pythons: $(INSTALLED)
-	$(BIN)/python -m tests.environments $@ --numprocesses $(WORKERS) $(TESTS)
+	$(BIN)/python -m tests.environments $@ --numprocesses $(WORKERS) --dist worksteal $(TESTS)
 
 # The second line is what does not time one function, and prints or asserts instead.
 bench: $(INSTALLED)
