@@ -31,9 +31,9 @@ class Contents:
     @property
     def volume(self) -> float:
         """Gas volume in the state of sealing."""
-        return self.gas.chamber + sum(
-            (r * x) ** 3 for r, x in zip(self.radius, self.stretch, strict=True)
-        ) / 3.0
+        return (
+            self.gas.chamber + sum((r * x) ** 3 for r, x in zip(self.radius, self.stretch, strict=True)) / 3.0
+        )
 
     @property
     def is_liquid(self) -> bool:
@@ -188,16 +188,15 @@ class Device:
         films = sum(
             b.radius**2
             * b.thickness
-            * (
-                b.modulus * b.law.energy(xi)
-                + sign * 0.5 * b.permittivity / b.thickness**2 * v * v * xi**4
-            )
+            * (b.modulus * b.law.energy(xi) + sign * 0.5 * b.permittivity / b.thickness**2 * v * v * xi**4)
             for b, xi, v in zip(self.balloons, x, phi, strict=True)
         )
         gas = -pressure * self.volume(x) if contents is None else contents.energy(contents.swelling(x))
         return float(films + gas)
 
-    def margins(self, stretch: ArrayLike, pressure: float, voltage: ArrayLike) -> dict[tuple[str, str], float]:
+    def margins(
+        self, stretch: ArrayLike, pressure: float, voltage: ArrayLike
+    ) -> dict[tuple[str, str], float]:
         """What must stay positive, by (kind of event, balloon): pressure, strengths, ends of tables."""
         out = {("loss_of_tension", ""): float(pressure)}
         x, phi = np.asarray(stretch, dtype=float).tolist(), self.film_voltage(voltage).tolist()

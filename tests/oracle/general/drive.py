@@ -171,7 +171,15 @@ def _polyline(count: int, fractions: Sequence[float], values: Sequence[float]) -
     """One voltage for all, linear between corners."""
     line = Line((0.0,) * count, (1.0,) * count)
     return [
-        Leg(line, values[i], values[i + 1], t, fractions[i + 1], (values[i],) * count, (values[i + 1],) * count)
+        Leg(
+            line,
+            values[i],
+            values[i + 1],
+            t,
+            fractions[i + 1],
+            (values[i],) * count,
+            (values[i + 1],) * count,
+        )
         for i, t in enumerate(fractions[:-1])
     ]
 
@@ -237,7 +245,10 @@ def _triangles(parts: Sequence[tuple[float, float, float]], cycles: float) -> li
     # The same corner has the same voltages in every period.
     known = [at(once[i % len(once)]) for i in range(len(turns) - 1)]
     last = cycles % 1.0
-    known.append(at(min(once, key=lambda c: abs(c - last)) if min(abs(c - last) for c in once) < 1e-12 else last))
+    known.append(
+        at(min(once, key=lambda c: abs(c - last)) if min(abs(c - last) for c in once) < 1e-12 else last)
+    )
     return [
-        _straight(known[i], known[i + 1], turns[i] / cycles, turns[i + 1] / cycles) for i in range(len(turns) - 1)
+        _straight(known[i], known[i + 1], turns[i] / cycles, turns[i + 1] / cycles)
+        for i in range(len(turns) - 1)
     ]

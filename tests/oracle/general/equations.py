@@ -161,7 +161,10 @@ class Equations:
         """Hessian of Π in the stretches, the gas following; of a liquid, at given pressure."""
         p, phi = self.pressure_of(y), self.voltages(y)
         out = np.diag(
-            [w * self._slope(b, x, p, f) for w, b, x, f in zip(self.weights, self.walls, y, phi, strict=False)]
+            [
+                w * self._slope(b, x, p, f)
+                for w, b, x, f in zip(self.weights, self.walls, y, phi, strict=False)
+            ]
         )
         if self.contents is not None and not self.contents.is_liquid:
             a = self.areas(y)
@@ -274,7 +277,9 @@ class Equations:
                 unit *= c * x**2
             rate = getattr(self.way, "rate", None)
             if rate is None:
-                sizes.append(max(unit, 0.3 * abs(value)) / (2.0 * math.pi * abs(self.way.amplitude[place]) + 1e-9))
+                sizes.append(
+                    max(unit, 0.3 * abs(value)) / (2.0 * math.pi * abs(self.way.amplitude[place]) + 1e-9)
+                )
             elif rate[place]:
                 sizes.append(max(unit, 0.3 * abs(value)) / abs(rate[place]))
         size = min(sizes, default=1.0)

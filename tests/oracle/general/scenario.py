@@ -234,7 +234,11 @@ class _Reader:
         assert all(cells)
         names = [cell[1] for cell in cells if cell]
         units = [cell[2] or "" for cell in cells if cell]
-        return names, units, np.array([[float(c.strip(' "')) for c in line.split(",")] for line in lines[1:]]).T
+        return (
+            names,
+            units,
+            np.array([[float(c.strip(' "')) for c in line.split(",")] for line in lines[1:]]).T,
+        )
 
     def _table(self, path: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
         names, units, columns = self._columns(path)
