@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from tests.oracle.general.scenario import Step
 
@@ -22,11 +23,11 @@ class Line:
     offset: Values
     rate: Values
 
-    def at(self, v: float, place: int) -> float:
+    def at(self, v: Any, place: int) -> Any:
         """What is given at one place."""
         return self.offset[place] + self.rate[place] * v
 
-    def slope(self, v: float, place: int) -> float:
+    def slope(self, v: Any, place: int) -> float:
         """Its derivative in v."""
         return self.rate[place]
 
@@ -43,15 +44,19 @@ class Sines:
     amplitude: Values
     phase: Values
 
-    def at(self, v: float, place: int) -> float:
-        """What is given at one place."""
-        turns = math.remainder(v + self.phase[place], 1.0)
-        return self.mean[place] + self.amplitude[place] * math.sin(2.0 * math.pi * turns)
+    def at(self, v: Any, place: int) -> Any:
+        """What is given at one place; v may have a tiny imaginary part."""
+        turns = 2.0 * math.pi * math.remainder(v.real + self.phase[place], 1.0)
+        value = self.mean[place] + self.amplitude[place] * math.sin(turns)
+        return value + 1j * self.slope(v.real, place) * v.imag if isinstance(v, complex) else value
 
-    def slope(self, v: float, place: int) -> float:
+    def slope(self, v: Any, place: int) -> Any:
         """Its derivative in v."""
-        turns = math.remainder(v + self.phase[place], 1.0)
-        return 2.0 * math.pi * self.amplitude[place] * math.cos(2.0 * math.pi * turns)
+        turns = 2.0 * math.pi * math.remainder(v.real + self.phase[place], 1.0)
+        size = 2.0 * math.pi * self.amplitude[place]
+        if isinstance(v, complex):
+            return size * complex(math.cos(turns), -2.0 * math.pi * math.sin(turns) * v.imag)
+        return size * math.cos(turns)
 
     def moves(self, place: int) -> bool:
         """Whether it changes."""
