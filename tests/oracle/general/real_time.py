@@ -189,14 +189,17 @@ class _Player:
             if self.ended:
                 return taut
         margins = self.motion.margins(0.0, self.state, drive)
+        # A film that breaks at once ends the history, stable or not.
+        for kind, _, margin in margins:
+            if kind not in ("limit_point", "loss_of_tension") and margin <= 0.0 and not self.ended:
+                self._note(kind)
+        if self.ended:
+            return taut
         unstable = [m for kind, _, m in margins if kind == "limit_point" and m < 0.0]
         if self.stable:
             for _ in unstable:
                 self._note("limit_point")
         self.stable = not unstable
-        for kind, _, margin in margins:
-            if kind not in ("limit_point", "loss_of_tension") and margin <= 0.0 and not self.ended:
-                self._note(kind)
         return taut
 
     def _check_slack(self, drive: Drive) -> bool:
