@@ -28,6 +28,7 @@ TURN = math.cos(0.2)
 INSIDE = (0.25, 0.5, 0.75)
 CLOSE = 1e-9  # margins, and distances of events, that are too close to call
 ROUNDING = 1e-12  # of a margin where a branch begins
+NEARLY_EVEN = 1e-5  # relative differences of stretches that may be none
 BESIDE = 1e-8  # how far beyond its goal, in units of the drive, a branch is known
 
 
@@ -149,10 +150,14 @@ class Side:
         margins = np.array([self.eq.margins(state.tolist()) for state in states])
         turned = t[-1] * self.sense <= 0.0 or sign != self.sign
         found = self._first_event(piece, margins, turned)
-        self._look_into_dips(piece, margins, math.inf if found is None else found[0])
+        self._look_into_dips(piece, margins, None if found is None else found[:2])
         if found is not None:
             self.end = self._ended(piece, *found)
-            if self.end.kind in ("limit_point", "branch_point"):
+            if self.end.kind == "branch_point":
+                # The last points before it are singular but for rounding.
+                near = 1e-6 * self.eq.scales(self.end.y)[-1]
+                self.doubts = [d for d in self.doubts if abs(d[0] - self.end.y[-1]) > near]
+            if self.end.mode is not None:
                 t = points.null_direction(self.eq, self.end.y, self.ts[-1])
             else:
                 t = points.tangent(self.eq, self.end.y, self.ts[-1])[0]
@@ -222,7 +227,9 @@ class Side:
             return _root(lambda s: self._value(piece, ("singular", -1), s), 0.0, 1.0, 1e-10)
         raise PathError("the determinant changes its sign without a reason")
 
-    def _look_into_dips(self, piece: Piece, margins: FloatArray, before: float) -> None:
+    def _look_into_dips(
+        self, piece: Piece, margins: FloatArray, event: tuple[float, tuple[str, int]] | None
+    ) -> None:
         """Margins that come near zero between samples without an event are doubts, or were events unseen."""
         shares = (0.0, *INSIDE, 1.0)
         rows = list(margins)
@@ -238,8 +245,10 @@ class Side:
                 left, middle, right = column[i - 1 : i + 2]
                 if not (left > middle <= right and 0.0 <= middle < 0.5 * (left + right)):
                     continue
-                if pieces[i][0] is piece and pieces[i][1] >= before:
-                    continue
+                if event is not None and pieces[i][0] is piece:
+                    # What lies beyond an event is none of this branch, and the event's own zero is no dip.
+                    if pieces[i][1] >= event[0] or (name == event[1] and pieces[i][2] >= event[0]):
+                        continue
                 self._dip(name, pieces[i - 1 : i + 1])
 
     def _dip(self, name: tuple[str, int], pieces: list[tuple[Piece, float, float]]) -> None:
@@ -260,7 +269,7 @@ class Side:
         scales = self.eq.scales(guess)
         mode = None
         if name[0] == "singular":
-            solved = points.singular(self.eq, guess)
+            solved = self._symmetric(guess) or points.singular(self.eq, guess)
             y, mode = solved if solved is not None else (None, None)
         else:
             y = points.where(self.eq, guess, lambda z: self.eq.margin(name, z))
@@ -279,6 +288,21 @@ class Side:
         if min(others, default=1.0) < -CLOSE:
             raise PathError(f"{kind} beyond another event")
         return End(kind, balloon, y, mode, doubt)
+
+
+    def _symmetric(self, guess: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """The singular state near `guess` in which balloons that are alike are stretched alike, if there is one.
+
+        At a branch point all equations for a singular state are singular themselves; not so among symmetric ones.
+        """
+        even = self.eq.evened(guess)
+        scales = self.eq.scales(guess)
+        if np.max(np.abs(even - guess) / scales) > NEARLY_EVEN or np.array_equal(even, guess):
+            return None
+        found = points.singular(self.eq, even)
+        if found is None or np.max(np.abs(found[0] - guess) / scales) > 2.0 * NEARLY_EVEN:
+            return None
+        return found
 
 
 def _root(function: Callable[[float], float], low: float, high: float, width: float = 1e-14) -> float:

@@ -31,6 +31,10 @@ class Line:
         """Its derivative in v."""
         return self.rate[place]
 
+    def part(self, place: int) -> Values:
+        """All about one place."""
+        return self.offset[place], self.rate[place]
+
     def moves(self, place: int) -> bool:
         """Whether it changes."""
         return self.rate[place] != 0.0
@@ -57,6 +61,10 @@ class Sines:
         if isinstance(v, complex):
             return size * complex(math.cos(turns), -2.0 * math.pi * math.sin(turns) * v.imag)
         return size * math.cos(turns)
+
+    def part(self, place: int) -> Values:
+        """All about one place."""
+        return self.mean[place], self.amplitude[place], self.phase[place]
 
     def moves(self, place: int) -> bool:
         """Whether it changes."""

@@ -185,7 +185,7 @@ class Equations:
             return np.linalg.eigh(h)
         a = self.areas(y)
         basis = np.linalg.svd(a[None])[2][1:].T  # what keeps the volume
-        values, vectors = np.linalg.eigh(basis.T @ h @ basis) if basis.shape[1] else (np.array([]), basis)
+        values, vectors = np.linalg.eigh(basis.T @ h @ basis)
         return values, basis @ vectors
 
     def stability(self, y: Sequence[float]) -> float:
@@ -251,6 +251,35 @@ class Equations:
         if self.charged:
             return [value for value, _ in self.given(y[-1])]
         return [c * f * x**4 for c, f, x in zip(self.capacitances, self.voltages(y), y, strict=False)]
+
+    def twins(self, v: float) -> list[list[int]]:
+        """Places of balloons that are alike and under the same load at v, together."""
+        found: dict[Any, list[int]] = {}
+        for i, b in enumerate(self.walls):
+            found.setdefault((b.mechanics, abs(self.given(v)[i][0])), []).append(i)
+        return list(found.values())
+
+    @cached_property
+    def classes(self) -> list[list[int]]:
+        """Places of balloons that are alike and under the same load at any v, together; without single ones."""
+        found: dict[Any, list[int]] = {}
+        for i, (b, place) in enumerate(zip(self.walls, self.places, strict=True)):
+            load = None if place is None else self.way.part(place)
+            found.setdefault((b.mechanics, load), []).append(i)
+        return [places for places in found.values() if len(places) > 1]
+
+    def is_even(self, y: FloatArray) -> bool:
+        """Whether balloons that are alike are stretched alike, and there are some."""
+        return bool(self.classes) and all(
+            abs(y[i] - y[places[0]]) <= 1e-14 * abs(y[i]) for places in self.classes for i in places
+        )
+
+    def evened(self, y: FloatArray) -> FloatArray:
+        """A state, or a change of one, averaged over balloons that are alike."""
+        out = y.copy()
+        for places in self.classes:
+            out[places] = np.mean(y[places])
+        return out
 
     def scales(self, y: Sequence[float]) -> FloatArray:
         """Changes of the unknowns that count as one: steps are small fractions of these."""

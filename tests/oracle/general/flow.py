@@ -52,10 +52,25 @@ class Motion:
 
     eq: Equations
     v: float
+    classes: tuple[tuple[int, ...], ...] = ()
+
+    def whole(self, x: Sequence[Any]) -> list[Any]:
+        """All stretches, of one for each class of balloons that move alike."""
+        if not self.classes:
+            return list(x)
+        out = [x[0]] * self.eq.size
+        for value, places in zip(x, self.classes, strict=True):
+            for place in places:
+                out[place] = value
+        return out
+
+    def reduced(self, x: Sequence[Any]) -> list[Any]:
+        """One stretch for each class."""
+        return [x[places[0]] for places in self.classes] if self.classes else list(x)
 
     def state(self, x: Sequence[Any]) -> list[Any]:
-        """All unknowns of stretches in motion."""
-        eq = self.eq
+        """All unknowns of stretches in motion (one for each class)."""
+        eq, x = self.eq, self.whole(x)
         if eq.contents is None:
             return [*x, self.v]
         if not eq.contents.is_liquid:
@@ -66,9 +81,9 @@ class Motion:
         return [*x, sum(a * g for a, g in zip(areas, without, strict=True)) / lift, self.v]
 
     def rates(self, x: Sequence[Any]) -> NDArray[Any]:
-        """dλ/dt."""
+        """dλ/dt, one for each class."""
         y = self.state(x)
-        return -self.eq.residual(y)[: self.eq.size]
+        return np.array(self.reduced((-self.eq.residual(y)[: self.eq.size]).tolist()))
 
     def slopes(self, x: FloatArray) -> FloatArray:
         """Its derivatives, by complex steps."""
@@ -80,7 +95,7 @@ class Motion:
         return np.array(columns).T
 
     def projected(self, x: FloatArray) -> FloatArray:
-        """Stretches nearby that have the volume of a liquid."""
+        """Stretches (of all balloons) nearby that have the volume of a liquid."""
         contents = self.eq.contents
         if contents is None or not contents.is_liquid:
             return x
@@ -107,8 +122,8 @@ def relax(eq: Equations, v: float, start: FloatArray, before: FloatArray, *, off
 
     Within `off` of the start a low speed is no doubt: there the flow leaves an equilibrium.
     """
-    motion = Motion(eq, v)
-    start = motion.projected(start)
+    start = Motion(eq, v).projected(start)
+    motion = Motion(eq, v, _classes(eq, v, start))
     top = eq.potential(before.tolist())
     first = _followed(motion, start, LSODA, 1e-10, off)
     second = _followed(motion, start, Radau, 1e-8 if first.kind is None else 1e-9, off)
@@ -120,14 +135,43 @@ def relax(eq: Equations, v: float, start: FloatArray, before: FloatArray, *, off
         if apart > SAME:
             doubt = doubt or f"two integrators end {apart:.2g} apart"
     lost = top - eq.potential(first.y.tolist()) if first.kind != "runaway" else math.inf
+    if first.kind is None and not eq.stability(first.y.tolist()) > 0.0:
+        # Balloons that are alike rest where only that keeps them: there they part, the first one growing.
+        apart = parted(eq, first.y)
+        return replace(apart, lost=lost + apart.lost, doubt=doubt or apart.doubt)
     if lost < -1e-9 * (1.0 + abs(top)):
         raise FlowError(f"the potential rises by {-lost:.3g} in a flow")
     return replace(first, lost=lost, doubt=doubt)
 
 
+def _classes(eq: Equations, v: float, start: FloatArray) -> tuple[tuple[int, ...], ...]:
+    """Balloons that move alike from a start, together; none where all move by themselves."""
+    out: list[tuple[int, ...]] = []
+    for places in eq.twins(v):
+        rest = list(places)
+        while rest:
+            same = [i for i in rest if abs(start[i] - start[rest[0]]) <= 1e-13 * start[i]]
+            out.append(tuple(same))
+            rest = [i for i in rest if i not in same]
+    return tuple(out) if len(out) < eq.size else ()
+
+
+def parted(eq: Equations, y: FloatArray) -> Rest:
+    """The flow off an equilibrium whose unstable direction breaks a symmetry."""
+    growth, directions = soft_modes(eq, y)
+    mode = directions[:, 0]
+    mode = mode * np.sign(mode[int(np.argmax(np.abs(mode) > 1e-6 * np.max(np.abs(mode))))])
+    doubt = "several directions are unstable" if growth.size > 1 and growth[1] > 0.0 else None
+    if growth[0] < 1e-7:
+        doubt = "balloons that are alike are only just unstable"
+    rest = relax(eq, float(y[-1]), beside(eq, y, mode), y, off=10.0 * OFF)
+    return replace(rest, doubt=rest.doubt or doubt)
+
+
 def _followed(motion: Motion, start: FloatArray, method: Any, rtol: float, off: float) -> Rest:
     eq = motion.eq
     names = eq.margin_names()[1:]
+    start = np.array(motion.reduced(start.tolist()))
 
     def margins(x: FloatArray) -> FloatArray:
         y = motion.state(x.tolist())
@@ -146,7 +190,7 @@ def _followed(motion: Motion, start: FloatArray, method: Any, rtol: float, off: 
     record = _Record([0.0], [margins(start)], [_size(motion.rates(start.tolist()))], [0.0], [])
     for _ in range(100000):
         message = solver.step()
-        if solver.status == "failed" or not np.all(np.isfinite(solver.y)):
+        if solver.status != "running" or not np.all(np.isfinite(solver.y)):
             raise FlowError(f"a flow could not be integrated: {message}")
         dense = solver.dense_output()
         before = record.times[-1]
@@ -181,12 +225,27 @@ def _landing(motion: Motion, x: FloatArray, speed: float) -> FloatArray | None:
     if speed > 1e-2:
         return None
     y = np.array(motion.state(x.tolist()))
-    if not eq.stability(y.tolist()) > 0.0:
+    if not _holds(motion, y):
         return None
     found = points.at_drive(eq, y, motion.v)
-    if found is None or not eq.stability(found.tolist()) > 0.0:
+    if found is None or not _holds(motion, found):
         return None
     return found if float(np.max(np.abs(found - y) / eq.scales(y))) < LANDING else None
+
+
+def _holds(motion: Motion, y: FloatArray) -> bool:
+    """Whether a state is stable against what the flow can do."""
+    eq, liquid = motion.eq, motion.eq.contents is not None and motion.eq.contents.is_liquid
+    if not motion.classes:
+        return eq.stability(y.tolist()) > 0.0
+    even = np.zeros((eq.size, len(motion.classes)))
+    for column, places in enumerate(motion.classes):
+        even[list(places), column] = 1.0
+    h = even.T @ eq.hessian(y.tolist()) @ even
+    if liquid:
+        basis = np.linalg.svd((even.T @ eq.areas(y.tolist()))[None])[2][1:].T
+        h = basis.T @ h @ basis
+    return bool(np.all(np.isfinite(h)) and np.all(np.linalg.eigvalsh(h) > 0.0))
 
 
 def _doubt_of(record: _Record, off: float) -> str | None:
@@ -228,12 +287,13 @@ def _ended(
     found.sort()
     t, place, i = found[0]
     kind, balloon = names[place]
-    x = motion.projected(_at(record, i, t))
+    x = _at(record, i, t)
     doubt = _doubt_of(record, off)
     if len(found) > 1 and kind != found[1][1]:
         gap = float(np.max(np.abs(_at(record, *found[1][2:], found[1][0]) - x)))
         doubt = doubt or (f"two events of a flow coincide, {gap:.2g} apart" if gap < CLOSE else None)
-    return Rest(kind, balloon, np.array(motion.state(x.tolist())), 0.0, doubt)
+    whole = motion.projected(np.array(motion.whole(x.tolist())))
+    return Rest(kind, balloon, np.array(Motion(motion.eq, motion.v).state(whole.tolist())), 0.0, doubt)
 
 
 def _dip(

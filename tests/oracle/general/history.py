@@ -60,10 +60,10 @@ class Hit:
 def play(source: Document | str | os.PathLike[str] | Scenario) -> Reference:
     """The history of a quasi-static scenario, a dict or the path of a file.
 
+    Where the reference itself fails, what it has got so far is returned as undecided, with the outcome "failed".
+
     Raises
     ------
-    ArithmeticError
-        Where the reference fails.
     ValueError
         For a scenario with [dynamics].
     """
@@ -71,10 +71,14 @@ def play(source: Document | str | os.PathLike[str] | Scenario) -> Reference:
     if scenario.in_real_time:
         raise ValueError("a scenario with [dynamics] is none of this reference")
     player = _Player(scenario)
-    for step in scenario.steps:
-        player.play(step)
-        if player.outcome != "completed":
-            break
+    try:
+        for step in scenario.steps:
+            player.play(step)
+            if player.outcome != "completed":
+                break
+    except (ArithmeticError, np.linalg.LinAlgError) as failure:
+        player.undecided(f"the reference fails: {failure}")
+        player.outcome = "failed"
     return player.reference()
 
 

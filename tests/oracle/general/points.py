@@ -24,16 +24,19 @@ def on_plane(eq: Equations, guess: FloatArray, normal: FloatArray) -> FloatArray
     """
     y, last = guess, np.inf
     scales = eq.scales(guess)
+    # Among equal balloons stretched alike the matrix may be singular, in the direction in which they part.
+    even = eq.is_even(guess)
     for _ in range(15):
         residual = eq.residual(y.tolist())
         if not np.all(np.isfinite(residual)):
             return None
         matrix = np.vstack([eq.jacobian(y.tolist()), normal])
-        try:
-            step = np.linalg.solve(matrix, -np.append(residual, normal @ (y - guess)))
-        except np.linalg.LinAlgError:
+        step = _solved(matrix * scales, -np.append(residual, normal @ (y - guess)))
+        if step is None:
             return None
-        y = y + step
+        step *= scales
+        y = eq.evened(y + step) if even else y + step
+        step = eq.evened(step) if even else step
         size = float(np.max(np.abs(step) / scales))
         if not size < 1.0:
             return None
@@ -41,6 +44,16 @@ def on_plane(eq: Equations, guess: FloatArray, normal: FloatArray) -> FloatArray
             return y
         last = size
     return None
+
+
+def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
+    """The solution of linear equations; the smallest where they are singular, None where not finite."""
+    if not np.all(np.isfinite(matrix)):
+        return None
+    try:
+        return np.linalg.solve(matrix, right)
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.lstsq(matrix, right, rcond=1e-12)[0])
 
 
 def at_drive(eq: Equations, guess: FloatArray, v: float) -> FloatArray | None:
@@ -63,7 +76,10 @@ def tangent(eq: Equations, y: FloatArray, like: FloatArray) -> tuple[FloatArray,
     row /= np.linalg.norm(row)
     rhs = np.zeros(y.size)
     rhs[-1] = 1.0
-    t = np.linalg.solve(np.vstack([jacobian, row]), rhs)
+    found = _solved(np.vstack([jacobian, row]), rhs)
+    if found is None:
+        return null_direction(eq, y, like), 0.0
+    t = eq.evened(found * scales) / scales if eq.is_even(y) and eq.is_even(like) else found
     t /= np.linalg.norm(t)
     sign = float(np.linalg.slogdet(np.vstack([jacobian, t]))[0])
     return t * scales, sign

@@ -22,7 +22,10 @@ VACUUM = 8.8541878128e-12  # F/m
 
 @dataclass(frozen=True)
 class Balloon:
-    """One balloon; `strength` are the field E₀ and the exponent a of a breakdown field E₀λᵃ."""
+    """One balloon; `strength` are the field E₀ and the exponent a of a breakdown field E₀λᵃ.
+
+    `material` is the elastomer as written: what is written alike is alike.
+    """
 
     name: str
     radius: float
@@ -32,6 +35,12 @@ class Balloon:
     electrodes: bool
     law: Law
     strength: tuple[float, float] | None = None
+    material: str = ""
+
+    @property
+    def mechanics(self) -> tuple[object, ...]:
+        """What two balloons that move alike have in common."""
+        return self.radius, self.thickness, self.modulus, self.permittivity, self.material
 
 
 @dataclass(frozen=True)
@@ -139,6 +148,7 @@ class _Reader:
             bool(written.get("electrodes", False)),
             law_of(written["elastomer"], self._curve),
             strength,
+            repr(sorted(written["elastomer"].items())),
         )
 
     def _step(self, number: int, written: Document) -> Step:
