@@ -35,6 +35,7 @@ Document = dict[str, Any]
 VOLTAGE = 1e-6
 TIME = 1e-6
 STATE = 1e-5
+AMPLIFIED = 100.0  # an unstable flow amplifies errors of 1e-9 by as much as the reference's of 1e-11
 REFERENCE_LIMIT = 90.0
 SAME_TIME = 1e-9  # events closer than this part of a history may come in either order
 
@@ -55,6 +56,8 @@ class Verdict:
         Whether there was a reference to compare with.
     worst : dict
         Largest differences by what they are of.
+    spread : float
+        That of the reference.
     """
 
     kind: str = "agreed"
@@ -66,10 +69,12 @@ class Verdict:
     samples: int = 0
     worst: dict[str, float] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
+    spread: float = 0.0
 
     def check(self, what: str, error: float, allowed: float, where: str) -> None:
         """Remember a difference, and name it where it is larger than allowed."""
         self.worst[what] = max(self.worst.get(what, 0.0), float(error))
+        allowed = max(allowed, AMPLIFIED * self.spread)
         if not error <= allowed:
             self.problems.append(f"{what}: {error:.3g} > {allowed:.0e} {where}")
 
@@ -129,6 +134,7 @@ def examine(document: Document, runner: Runner, reference_runner: Runner) -> Ver
         return verdict
     if found.value is not None:
         verdict.compared = True
+        verdict.spread = found.value.spread
         _compare(verdict, history, found.value, failed=ran.end == "raised")
     if verdict.problems:
         verdict.kind = "disagreement"
