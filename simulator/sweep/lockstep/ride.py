@@ -1,0 +1,136 @@
+"""One set of equations driven from one v to another, for many runs: along branches, and off their ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.events import EventKind
+from simulator.solver.batch import flow, path
+from simulator.solver.batch.stacked import Stacked
+
+FloatArray = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+GAVE_UP, THERE = -1, 0  # then 1 + the place in `ENDS`
+ENDS = (EventKind.LOSS_OF_TENSION, EventKind.BREAKDOWN, EventKind.RUNAWAY, EventKind.OUT_OF_RANGE)
+_MOST_TURNS = 20
+
+
+@dataclass(frozen=True)
+class Turn:
+    """Limit points that some runs met, and the states y in which the snaps from there rested or ended."""
+
+    runs: Index
+    before: FloatArray
+    after: FloatArray
+    rested: NDArray[np.bool_]
+    dissipated: FloatArray
+
+
+@dataclass
+class Ride:
+    """How n runs went.
+
+    Attributes
+    ----------
+    states : (n_unknowns, n) array
+        At the end.
+    end : (n,) array
+        GAVE_UP, THERE, or 1 + the place of the event in `ENDS`.
+    snapped : (n,) array of bool
+        Whether a snap ended so, not the path.
+    turns : list of Turn
+        In order for each run.
+    work, defect, exchanged : (n,) arrays
+    largest, field : (n_balloons, n) arrays
+    """
+
+    states: FloatArray
+    end: Index
+    snapped: NDArray[np.bool_]
+    work: FloatArray
+    defect: FloatArray
+    exchanged: FloatArray
+    largest: FloatArray
+    field: FloatArray
+    turns: list[Turn] = field(default_factory=list)
+
+
+def drive(batch: Stacked, start: FloatArray, target: FloatArray, times: float | None = None) -> Ride:
+    """Drive n runs from their states to target values of v.
+
+    Parameters
+    ----------
+    batch : Stacked
+    start : (n_unknowns, n) array
+    target : (n,) array
+    times : float, optional
+        Where given, the target is moved, at the first limit point of a run, so many times as far.
+    """
+    runs = start.shape[1]
+    sense = np.where(target >= start[-1], 1.0, -1.0)
+    target = target.copy()
+    zero = np.zeros(runs)
+    out = Ride(
+        start.copy(), np.full(runs, THERE), np.zeros(runs, dtype=bool), zero, zero.copy(), zero.copy(),
+        start[: batch.count].copy(), np.abs(path.fields(batch, start)),
+    )  # fmt: skip
+    left = np.flatnonzero(target != start[-1])
+    for turn in range(_MOST_TURNS):
+        if not left.size:
+            return out
+        some = batch.take(left) if left.size < runs else batch
+        passed = path.follow(some, out.states[:, left], sense[left], target[left])
+        out.states[:, left] = passed.states
+        out.work[left] += passed.work
+        out.defect[left] += passed.defect
+        out.exchanged[left] += passed.exchanged
+        out.largest[:, left] = np.maximum(out.largest[:, left], passed.largest)
+        out.field[:, left] = np.maximum(out.field[:, left], passed.field)
+        _ended(some, out, left, passed.end - 2, passed.end < 0, passed.end >= 2)
+        turned = np.flatnonzero(passed.end == path.TURNED)
+        left = left[turned]
+        if times is not None and turn == 0:
+            target[left] = start[-1, left] + times * (out.states[-1, left] - start[-1, left])
+        left = _snap(some.take(turned), out, left, passed.tangents[: batch.count, turned])
+        # On to the target, if the limit point was not there.
+        left = left[sense[left] * (target[left] - out.states[-1, left]) > 0.0]
+    out.end[left] = GAVE_UP
+    return out
+
+
+def _snap(batch: Stacked, out: Ride, left: Index, ahead: FloatArray) -> Index:
+    """Let runs snap from the limit points they are at; return those that came to rest."""
+    before = out.states[:, left].copy()
+    rests = flow.snap(batch, before, ahead)
+    settle(batch, out, left, before, rests)
+    rested = rests.end == flow.RESTED
+    return left[rested]
+
+
+def settle(batch: Stacked, out: Ride, left: Index, before: FloatArray, rests: flow.Rests) -> None:
+    """Note where flows from some states ended."""
+    rested = rests.end == flow.RESTED
+    _ended(batch, out, left, rests.end - 1, rests.end < 0, rests.end >= 1)
+    energy = batch.equations.potential
+    lost = np.asarray(energy(before)) - np.asarray(energy(rests.states))
+    out.states[:, left] = rests.states
+    out.snapped[left[rests.end >= 1]] = True
+    # A flow without an end has no side after it.
+    runaway = np.array([False, *(m.kind == EventKind.RUNAWAY for m in batch.margins)])
+    kept = ~runaway[np.maximum(rests.end, 0)]
+    lost = np.where(kept, lost, 0.0)
+    fields = np.abs(path.fields(batch, rests.states))
+    out.largest[:, left] = np.maximum(out.largest[:, left], np.where(kept, rests.largest, 0.0))
+    out.field[:, left] = np.maximum(out.field[:, left], np.where(kept, fields, 0.0))
+    out.turns.append(Turn(left, before, rests.states, rested, lost))
+
+
+def _ended(batch: Stacked, out: Ride, runs: Index, place: Any, lost: Any, ended: Any) -> None:
+    out.end[runs[lost]] = GAVE_UP
+    for which, margin in enumerate(batch.margins):
+        out.end[runs[ended & (place == which)]] = 1 + ENDS.index(margin.kind)
