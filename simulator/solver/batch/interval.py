@@ -22,7 +22,7 @@ POINTS = 0.5 + 0.5 * np.array([-1.0, -_ROOT, 0.0, _ROOT, 1.0])
 WEIGHTS = np.array([0.05, 49.0 / 180.0, 16.0 / 45.0, 49.0 / 180.0, 0.05])
 GRID = np.linspace(0.0, 1.0, 33)
 _ASIDE = 0.2  # over the length of an interval: how far the curve may be from the cubic through its ends
-_WORK = 1e-7  # of the work of an interval: how well it must agree with what is stored
+_WORK = 1e-5  # of the work of an interval: how well it must agree with what is stored
 
 
 def basis(x: FloatArray) -> FloatArray:
@@ -121,7 +121,7 @@ def interval(
     defect = energy[1] - energy[0] + work
     smooth = (
         (square(w, aside) <= _ASIDE**2 * speed).all(axis=0)
-        & (square(w, step) <= 1e-14 * np.maximum(speed, 1e-10)).all(axis=0)
+        & (square(w, step) <= 1e-11 * np.maximum(speed, 1e-10)).all(axis=0)
         & (np.abs(defect) <= _WORK * (exchanged + 1e-4 * np.abs(energy).max(axis=0)))
         & (cosines > 1.4)
     )

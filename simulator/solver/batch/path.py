@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from dataclasses import fields as fields_of
 from typing import Any
 
 import numpy as np
@@ -22,8 +23,10 @@ GAVE_UP, REACHED, TURNED = -1, 0, 1  # then 2 + the place in `Stacked.margins`
 _FIRST = 0.1
 _LONGEST = 1.5
 _SHORTEST = 1e-6
-_TURN = 0.35  # by which a tangent may turn from one node to the next, about, in radians
+_TURN = 0.45  # by which a tangent may turn from one node to the next, about, in radians
+_MISS = 0.03  # by which a step may be off where it was predicted to lead, about, over its length
 _MOST_STEPS = 300
+_MOST_ALIVE = 0.8
 _ROUNDING = 1e-12
 
 
@@ -72,18 +75,21 @@ class _Front:
     length: FloatArray
     sense: FloatArray
     target: FloatArray
+    place: Places
+    pivot: FloatArray
+    others: FloatArray
+    alive: BoolArray
 
     def take(self, keep: BoolArray) -> _Front:
-        return _Front(
-            self.batch.take(keep),
-            *(
-                getattr(self, name)[..., keep]
-                for name in (
-                    "index", "weights", "state", "tangent", "before", "before_tangent", "last_length",
-                    "length", "sense", "target",
-                )
-            ),
-        )  # fmt: skip
+        return _Front(self.batch.take(keep), *(getattr(self, name)[..., keep] for name in _FIELDS))
+
+    def without(self, gone: BoolArray) -> _Front:
+        """Without some runs; they stay as dead weight as long as they are few."""
+        self.alive = self.alive & ~gone
+        return self if self.alive.mean() > _MOST_ALIVE else self.take(self.alive)
+
+
+_FIELDS = tuple(field.name for field in fields_of(_Front) if field.name != "batch")
 
 
 def follow(batch: Stacked, start: FloatArray, sense: FloatArray, target: FloatArray) -> Passage:
@@ -115,13 +121,14 @@ def follow(batch: Stacked, start: FloatArray, sense: FloatArray, target: FloatAr
         for margin in batch.margins:
             fit &= np.asarray(margin.at(start)) > 0.0
         out.tangents[:] = tangent
+        place = softest(parts)
         front = _Front(
             batch, np.arange(runs), weights, start, tangent, start, tangent, np.zeros(runs),
-            np.full(runs, _FIRST), sense, target,
+            np.full(runs, _FIRST), sense, target, place, border.pivot, border.others, fit,
         ).take(fit)  # fmt: skip
         ends: list[_Ends] = []
         for _ in range(_MOST_STEPS):
-            if not front.index.size:
+            if not front.alive.any():
                 if not ends:
                     break
                 # All ends together; those that are not certain are gone up to in shorter steps.
@@ -135,6 +142,9 @@ def follow(batch: Stacked, start: FloatArray, sense: FloatArray, target: FloatAr
 
 def _predicted(front: _Front) -> FloatArray:
     """The states one step ahead, from the cubic through the last two nodes."""
+    # Not much further than to the target, which may not be there at all.
+    ahead = front.sense * (front.target - front.state[-1]) / np.maximum(front.sense * front.tangent[-1], 1e-9)
+    front.length = np.minimum(front.length, np.maximum(1.1 * ahead, 1e-6))
     h, k = front.length, front.last_length
     straight = front.state + h * front.tangent
     fresh = k <= 0.0
@@ -154,10 +164,7 @@ def _advance(front: _Front, out: Passage, ends: list[_Ends]) -> _Front:
     guess = _predicted(front)
     normal = w * t0
     y = guess
-    # The node at the start again, by the balloon that is softest there.
-    parts = batch.parts(front.state)
-    place = softest(parts)
-    pivot0, others0 = pivots(parts, place)
+    place = front.place
     for _ in range(3):
         border = Bordered(batch.parts(y), normal, place)
         step = border.correction()
@@ -166,35 +173,39 @@ def _advance(front: _Front, out: Passage, ends: list[_Ends]) -> _Front:
     t1 = rates / np.sqrt(square(w, rates))
     turn = (normal * t1).sum(axis=0)
     moved = np.sqrt(square(w, y - guess))
-    fine = (square(w, step) <= 1e-16) & (turn > 0.8) & (moved < 0.3 * front.length)
-    first = Node(front.state, t0, pivot0, others0)
+    fine = (square(w, step) <= 1e-11) & (turn > 0.8) & (moved < 0.3 * front.length)
+    first = Node(front.state, t0, front.pivot, front.others)
     found = interval(batch, w, first, Node(y, t1, border.pivot, border.others), place)
     fine &= found.smooth
     sight = look(_with_target(found, front))
     # What is softer than the softest was not looked at.
     hidden = (sight.first == 2) & (batch.count > 1)
-    fine &= ~sight.unclear & ~hidden
+    fine &= ~sight.unclear & ~hidden & front.alive
     ended = fine & (sight.first >= 0)
     onward = fine & ~ended
     _note(out, batch, front.index, found, onward)
     if ended.any():
         ends.append(_Ends.of(front, first, found, sight.first, sight.at, place, ended))
-    keep = ~ended
-    lost = ~fine & (front.length < _SHORTEST)
-    keep &= ~lost
+    gone = ended | (front.alive & ~fine & (front.length < _SHORTEST))
     angle = np.arccos(np.clip(turn, -1.0, 1.0))
-    growth = np.clip(_TURN / (angle + 0.02), 0.4, 2.5)
+    missed = (moved / front.length + 1e-6) / _MISS
+    growth = np.clip(np.minimum(_TURN / (angle + 0.02), missed ** (-1.0 / 3.0)), 0.4, 2.0)
     arc = np.sqrt(square(w, y - front.state)) * (1.0 + angle * angle / 24.0)
     moved_on = np.where(onward, arc, front.last_length)
-    after = _Front(
+    # At the node it may be another balloon that is softest.
+    softer = softest(border.parts)
+    pivot, others = border.pivot, border.others
+    if (softer != place).any():
+        pivot, others = pivots(border.parts, softer)
+    return _Front(
         batch, front.index, w,
         np.where(onward, y, front.state), np.where(onward, t1, t0),
         np.where(onward, front.state, front.before), np.where(onward, t0, front.before_tangent),
         moved_on,
-        np.where(onward, np.minimum(front.length * growth, _LONGEST), front.length * 0.35),
-        front.sense, front.target,
-    )  # fmt: skip
-    return after if keep.all() else after.take(keep)
+        np.where(onward, np.minimum(front.length * growth, _LONGEST), front.length * 0.4),
+        front.sense, front.target, np.where(onward, softer, place), np.where(onward, pivot, front.pivot),
+        np.where(onward, others, front.others), front.alive,
+    ).without(gone)  # fmt: skip
 
 
 def _with_target(found: Interval, front: _Front) -> FloatArray:
@@ -297,7 +308,8 @@ def _finish(
     index, state, tangent = ends.index[again], ends.first.state[:, again], ends.first.tangent[:, again]
     return _Front(
         batch.take(index), index, weights[:, index], state, tangent, state, tangent, np.zeros(again.size),
-        0.35 * ends.length[again], sense[index], target[index],
+        0.35 * ends.length[again], sense[index], target[index], ends.place[again],
+        ends.first.pivot[again], ends.first.others[again], np.ones(again.size, dtype=bool),
     )  # fmt: skip
 
 
