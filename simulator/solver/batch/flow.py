@@ -9,7 +9,7 @@ from as far back as it remembers, is integrated once more, tightly, by an explic
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,7 @@ _NEAR = 0.05  # how far a Newton step may lead for Newton's method to take over
 _LINGERS = 1e-3  # over the largest speed so far: a flow this slow that grows faster again passed a saddle
 _GRAZES = 0.02  # a margin that comes as close to zero on the way may be passed by a tight flow
 _ROUNDS = 8
+_MOST_ALIVE = 0.8
 _GAMMA = 1.0 - 0.5 * 2.0**0.5
 
 _A = [np.array(row) for row in STAGES]
@@ -111,10 +112,18 @@ class _Front:
     fastest: FloatArray
     slowest: FloatArray
     closest: FloatArray
+    alive: BoolArray
 
     def take(self, keep: BoolArray | NDArray[np.int64]) -> _Front:
-        names = ("index", "weights", "x", "v", "h", "memory", "span", "fade", "fastest", "slowest", "closest")
-        return _Front(self.batch.take(keep), *(getattr(self, name)[..., keep] for name in names))
+        return _Front(self.batch.take(keep), *(getattr(self, name)[..., keep] for name in _FIELDS))
+
+    def without(self, gone: BoolArray) -> _Front:
+        """Without some runs; they stay as dead weight as long as they are few."""
+        self.alive = self.alive & ~gone
+        return self if self.alive.mean() > _MOST_ALIVE else self.take(self.alive)
+
+
+_FIELDS = tuple(field.name for field in fields(_Front) if field.name != "batch")
 
 
 @dataclass
@@ -237,12 +246,12 @@ def _flow(batch: Stacked, origin: FloatArray, x: FloatArray, escape: FloatArray 
     nothing = np.zeros(runs)
     first = 0.5 * np.sqrt(blur) / speed if blur else np.minimum(0.01 / speed, 0.1)
     front = _Front(
-        batch, np.arange(runs), weights, x, v, first, nothing, nothing, nothing, speed, speed, closest
+        batch, np.arange(runs), weights, x, v, first, nothing, nothing, nothing, speed, speed, closest, fit
     ).take(fit)  # fmt: skip
     trail = _Trail([], [])
     ends: list[_Front] = []
     for _ in range(_MOST_STEPS):
-        if not front.index.size:
+        if not front.alive.any():
             break
         front = _loosely(front, origin, away, out, trail, ends)
     if ends:
@@ -264,9 +273,9 @@ def _loosely(
     parts = batch.parts(y)
     flow = _Jacobian(batch, y, parts)
     margins = _margins(batch, y)
-    ended = (margins <= 0.0).any(axis=0)
+    ended = (margins <= 0.0).any(axis=0) & front.alive
     front.closest = np.minimum(front.closest, margins)
-    landed = _landed(front, y, parts, ~ended, fold, away, out)
+    landed = _landed(front, y, parts, front.alive & ~ended, fold, away, out)
     speed = np.sqrt((flow.rates**2).sum(axis=0))
     fastest = np.maximum(front.fastest, speed)
     slowest = np.where(speed >= fastest, speed, np.minimum(front.slowest, speed))
@@ -288,14 +297,13 @@ def _loosely(
     inside = np.array([np.asarray(d) for d in np.broadcast_arrays(*batch.denominators(new), v)[:-1]])
     fine = (error <= 1.0) & (inside > 0.0).all(axis=0) & (new > 0.0).all(axis=0)
     growth = np.clip(0.75 / np.sqrt(np.maximum(error, 1e-4)), 0.2, 2.5)
-    keep = ~ended & ~lingered & (h * fastest > 1e-12)
-    keep[landed] = False
-    after = _Front(
+    gone = ended | lingered | (h * fastest <= 1e-12)
+    gone[landed] = True
+    return _Front(
         batch, front.index, front.weights, np.where(fine, new, x), v,
         h * np.where(fine, growth, np.where(np.isfinite(error), np.minimum(growth, 0.5), 0.2)),
-        memory, np.where(fine, h, 0.0), fade, fastest, slowest, front.closest,
-    )  # fmt: skip
-    return after if keep.all() else after.take(keep)
+        memory, np.where(fine, h, 0.0), fade, fastest, slowest, front.closest, front.alive,
+    ).without(gone)  # fmt: skip
 
 
 def _tightly(
@@ -328,11 +336,11 @@ def _tightly(
     speed = np.sqrt((_rates(some, y) ** 2).sum(axis=0))
     front = _Front(
         some, index, nothing, x, v[index], 0.02 / speed, nothing, nothing, nothing, speed, speed,
-        _margins(some, y),
+        _margins(some, y), np.ones(index.size, dtype=bool),
     )  # fmt: skip
     passing: list[tuple[NDArray[np.int64], FloatArray, FloatArray, FloatArray]] = []
     for _ in range(_MOST_TIGHT_STEPS):
-        if not front.index.size:
+        if not front.alive.any():
             break
         front = _exactly(front, passing)
     if passing:
@@ -349,18 +357,17 @@ def _exactly(
     fine = (error <= 1.0) & np.isfinite(x).all(axis=0)
     y = _full(batch, np.where(fine, x, front.x), v)
     margins = _margins(batch, y)
-    below = fine & (margins <= 0.0).any(axis=0)
+    below = fine & (margins <= 0.0).any(axis=0) & front.alive
     # Tension that is lost within the step and back at its end.
     fine &= (low > 0.0) | below
     if below.any():
         passing.append((front.index[below], front.x[:, below], front.h[below], margins[:, below]))
     growth = np.clip(0.9 * np.maximum(error, 1e-12) ** -0.125, 0.2, 6.0)
     growth = np.where(np.isfinite(growth), np.where(fine, growth, np.minimum(growth, 0.5)), 0.2)
-    after = _Front(
+    return _Front(
         batch, front.index, front.weights, y[: len(x)], v, front.h * growth, front.memory, front.span,
-        front.fade, front.fastest, front.slowest, np.minimum(front.closest, margins),
-    )  # fmt: skip
-    return after.take(~below) if below.any() else after
+        front.fade, front.fastest, front.slowest, np.minimum(front.closest, margins), front.alive,
+    ).without(below)  # fmt: skip
 
 
 def _end(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cached_property
 from typing import Any, NamedTuple, TypeVar
@@ -61,6 +61,18 @@ def taken(value: _Value, index: Index) -> _Value:
             return value
         return type(value)(**new)
     return value
+
+
+def arrays(value: Any) -> Iterator[NDArray[Any]]:
+    """All arrays in a nest of dataclasses and tuples."""
+    if isinstance(value, np.ndarray):
+        yield value
+    elif isinstance(value, tuple):
+        for item in value:
+            yield from arrays(item)
+    elif is_dataclass(value):
+        for field in fields(value):
+            yield from arrays(getattr(value, field.name))
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from simulator.solver.batch.bordered import pivots, softest
 from simulator.solver.batch.stacked import Stacked, taken
 from simulator.sweep.lockstep.assembly import contents, opened, sealed
 from simulator.sweep.lockstep.programme import Move
-from simulator.sweep.lockstep.ride import GAVE_UP, THERE, Ride, drive, settle
+from simulator.sweep.lockstep.ride import GAVE_UP, THERE, Ride, drive, drive_each_once, settle
 from simulator.sweep.plan import Past
 
 FloatArray = NDArray[np.float64]
@@ -172,7 +172,7 @@ def _inflate(state: Played, runs: Index, target: FloatArray) -> None:
     for i in range(len(device.names)):
         batch = opened(device, i, still, np.zeros_like(still), None)
         start = np.stack([state.stretch[i, runs], state.pressure[runs]])
-        rides.append((i, batch, start, drive(batch, start, target)))
+        rides.append((i, batch, start, drive_each_once(batch, start, target)))
     _apart(state, runs, rides, target - state.pressure[runs], inflates=True)
     for i, batch, start, ride in rides:
         _book(state, runs, batch, start, ride, (i,), inflates=True)
