@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from simulator.model.contents import Contents
 from simulator.model.device import Device
-from simulator.solver.batch import flow, path
+from simulator.solver.batch import flow
 from simulator.solver.batch.bordered import pivots, softest
 from simulator.solver.batch.stacked import Stacked, taken
 from simulator.sweep.lockstep.assembly import contents, opened, sealed
@@ -240,7 +240,42 @@ def _jump(state: Played, runs: Index, target: FloatArray) -> None:
     runs, target = runs[moved], target[:, moved]
     if not runs.size:
         return
-    state.end[runs] = GAVE_UP
+    device = taken(state.device, runs)
+    offset, rate, _, there = _line(state.voltage[:, runs], target)
+    pressure, stretch = state.pressure[runs], state.stretch[:, runs]
+    groups: list[tuple[tuple[int, ...], Stacked, FloatArray]] = []
+    if not state.valve_open:
+        batch = sealed(device, taken(state.contents, runs), offset, rate)
+        groups.append((tuple(range(len(stretch))), batch, np.stack([*stretch, pressure, there])))
+        state.end[runs[~(pressure > 0.0)]] = GAVE_UP  # nothing holds a balloon that is slack
+    else:
+        for i, moves in zip(device.electroded, rate, strict=True):
+            if moves.any():
+                groups.append(
+                    ((i,), opened(device, i, offset, rate, pressure), np.stack([stretch[i], there]))
+                )
+    unit = np.array([
+        device.radius[i] ** 2 * device.permittivity[i] / device.thickness[i] * stretch[i] ** 4
+        for i in device.electroded
+    ])  # fmt: skip
+    work = 0.5 * (unit * (target**2 - state.voltage[:, runs] ** 2)).sum(axis=0)
+    state.electrical[runs] += work
+    state.exchanged[runs] += np.abs(work)
+    rides: list[tuple[tuple[int, ...], Stacked, FloatArray, Ride]] = []
+    for members, batch, start in groups:
+        ride = Ride.at(batch, start)
+        settle(batch, ride, np.arange(runs.size), start, flow.relax(batch, start))
+        ride.snapped[:] = False  # a jump is no snap
+        rides.append((members, batch, start, ride))
+    ends = np.array([ride.end for *_, ride in rides])
+    state.end[runs[(ends == GAVE_UP).any(axis=0)]] = GAVE_UP
+    if len(rides) > 1:
+        state.end[runs[(ends != THERE).any(axis=0)]] = GAVE_UP
+    for members, batch, start, ride in rides:
+        _book(state, runs, batch, start, ride, members)
+        if not state.valve_open:
+            state.pressure[runs] = ride.states[-2]
+    state.voltage[:, runs] = target
 
 
 def _apart(state: Played, runs: Index, rides: list[Any], span: FloatArray, *, inflates: bool = False) -> None:
@@ -271,6 +306,7 @@ def _book(
     """Take the state at the end of a ride, and note what happened."""
     place = list(members)
     ended = ride.end > THERE
+    ended &= state.end[runs] != GAVE_UP
     state.end[runs[ended]] = ride.end[ended]
     state.at_once[runs[ended & ride.snapped]] = not inflates
     state.stretch[np.ix_(place, runs)] = ride.states[: len(place)]
@@ -318,6 +354,3 @@ def _turned(state: Played, runs: Index, rides: list[Any], offset: FloatArray, ra
         state.landing_pressure[first] = turn.after[-2, fresh] if count > 1 or not state.valve_open else (
             state.pressure[first])  # fmt: skip
         state.snaps[mine[kept]] += 1
-
-
-__all__ = ["Played", "flow", "path", "play", "settle"]

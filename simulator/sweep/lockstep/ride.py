@@ -59,6 +59,16 @@ class Ride:
     field: FloatArray
     turns: list[Turn] = field(default_factory=list)
 
+    @classmethod
+    def at(cls, batch: Stacked, start: FloatArray) -> Ride:
+        """One that has not begun."""
+        runs = start.shape[1]
+        return cls(
+            start.copy(), np.full(runs, THERE), np.zeros(runs, dtype=bool),
+            *(np.zeros(runs) for _ in range(3)), start[: batch.count].copy(),
+            np.abs(path.fields(batch, start)),
+        )  # fmt: skip
+
 
 def drive(batch: Stacked, start: FloatArray, target: FloatArray, times: float | None = None) -> Ride:
     """Drive n runs from their states to target values of v.
@@ -74,11 +84,7 @@ def drive(batch: Stacked, start: FloatArray, target: FloatArray, times: float | 
     runs = start.shape[1]
     sense = np.where(target >= start[-1], 1.0, -1.0)
     target = target.copy()
-    zero = np.zeros(runs)
-    out = Ride(
-        start.copy(), np.full(runs, THERE), np.zeros(runs, dtype=bool), zero, zero.copy(), zero.copy(),
-        start[: batch.count].copy(), np.abs(path.fields(batch, start)),
-    )  # fmt: skip
+    out = Ride.at(batch, start)
     left = np.flatnonzero(target != start[-1])
     for turn in range(_MOST_TURNS):
         if not left.size:
@@ -126,9 +132,7 @@ def drive_each_once(batch: Stacked, start: FloatArray, target: FloatArray) -> Ri
         runs_of = [order[begins[k] : begins[k + 1]] for k in turn.runs.tolist()]
         index = np.concatenate(runs_of) if runs_of else np.zeros(0, dtype=int)
         out.turns.append(
-            Turn(
-                index, turn.before[:, here], turn.after[:, here], turn.rested[here], turn.dissipated[here]
-            )
+            Turn(index, turn.before[:, here], turn.after[:, here], turn.rested[here], turn.dissipated[here])
         )
     return out
 

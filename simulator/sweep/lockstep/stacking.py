@@ -14,16 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.model.device import Device
+from simulator.model.elastomers import ArrudaBoyce, Gent, MooneyRivlin, NeoHookean, Ogden
 from simulator.scenario import ScenarioError, load_scenario
 from simulator.scenario.keys import with_values
 from simulator.sweep.lockstep.programme import Move, NotCovered, programme
-from simulator.sweep.plan import Axis, Job, Value
+from simulator.sweep.plan import Axis, Job, Sweep, Value
 
 FloatArray = NDArray[np.float64]
 
 _SAME = 4e-15  # two values of a number, relatively, that are one
 _MOST_CORNERS = 64  # of the box that the axes span, that are tried
 _TRIED = 4  # further places in it
+_WORTH_IT = 200  # runs of a sweep
+_ELASTOMERS = (Gent, NeoHookean, MooneyRivlin, Ogden, ArrudaBoyce)
 
 Subject = tuple[Device, tuple[Move, ...]]
 
@@ -132,6 +135,8 @@ def rule(job: Job, base: Sequence[Value], ranges: Sequence[tuple[float, float] |
         If a corner of the box is no scenario.
     """
     first = subject(job, base)
+    if not known(first[0]):
+        raise NotCovered("an elastomer")
     shape, start = form(first), np.array(list(numbers(first)))
     follows: dict[int, int] = {}
 
@@ -172,6 +177,20 @@ def rule(job: Job, base: Sequence[Value], ranges: Sequence[tuple[float, float] |
         if not np.allclose(found, wanted, rtol=_SAME, atol=0.0):
             raise NotCovered("a number that does not move in proportion")
     return Rule(first, start, follows)
+
+
+def covered(sweep: Sweep) -> bool:
+    """Whether the runs of a sweep can be stacked, so that large chunks serve; how well, chunks find out."""
+    try:
+        found = subject(sweep.job, sweep.values(0, 1)[0])
+    except (NotCovered, ScenarioError):
+        return False
+    return sweep.size >= _WORTH_IT and not sweep.job.recorded.sensitivities and known(found[0])
+
+
+def known(device: Device) -> bool:
+    """Whether all elastomers are of a kind that computes with arrays of devices."""
+    return all(isinstance(elastomer, _ELASTOMERS) for elastomer in device.elastomers)
 
 
 def stacks(job: Job, values: Sequence[Sequence[Value]]) -> Iterator[Stack | tuple[NDArray[np.int64], str]]:
