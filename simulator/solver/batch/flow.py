@@ -15,6 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.events import EventKind
+from simulator.model.contents import Liquid
+from simulator.model.equations import SealedBalloons
 from simulator.solver.batch.bordered import Bordered, softest
 from simulator.solver.batch.dop853 import ERROR_3, ERROR_5, STAGES, WEIGHTS
 from simulator.solver.batch.events import at_drive
@@ -26,7 +29,8 @@ BoolArray = NDArray[np.bool_]
 
 GAVE_UP, RESTED = -1, 0  # then 1 + the place in `Stacked.margins`
 
-_OFF = (1e-2, 1e-4)  # stretch by which a snap is started off its limit point
+_FAR_OFF = 1e-2  # stretch by which a snap is started off its limit point
+_OFF = 1e-4  # the same where it must be as `solver.flow` starts it: little is forgotten on the way
 _EXACT = 1e-13  # how far off the trajectory a tight flow may be in the end
 _LOOSE = 3e-2  # of a loose step, in stretch: what a method of first order would be off
 _ACCURACY = 1e-11  # of a tight one
@@ -132,6 +136,7 @@ class _Trail:
 
     states: list[FloatArray]
     memory: list[FloatArray]
+    margin: list[FloatArray]
 
 
 class _Jacobian:
@@ -170,7 +175,7 @@ class _Jacobian:
         count, f = len(self.q), self.rates
         along = (self.pull * f * f).sum(axis=0)
         if count == 1:
-            return np.full(f.shape[1], np.inf)
+            return np.full(f.shape[1], 1e9)  # on a line there is nothing off the trajectory
         if count == 2:
             turned = self.q * f + self.u * (self.w * f).sum(axis=0)
             own = (self.pull * f * turned).sum(axis=0) / along
@@ -205,31 +210,44 @@ def snap(batch: Stacked, fold: FloatArray, ahead: FloatArray) -> Rests:
     """
     escape = ahead / np.sqrt((ahead * ahead).sum(axis=0))
     out = Rests(fold.copy(), np.full(fold.shape[1], GAVE_UP), fold[: batch.count].copy())
-    left = np.arange(fold.shape[1])
-    for off in _OFF:
+    left = np.arange(fold.shape[1] if _is_covered(batch) else 0)
+    for off in (_FAR_OFF, _OFF):
+        if not left.size:
+            break
         some, point, way = batch.take(left), fold[:, left], escape[:, left]
         with np.errstate(all="ignore"):
-            found = _flow(some, point, point[: batch.count] + off * way, way, off * off)
+            found = _flow(some, point, point[: batch.count] + off * way, way, off)
             energy = some.equations.potential
             lost = np.asarray(energy(list(point))) - np.asarray(energy(list(found.states)))
         found.end[~(lost >= 0.0)] = GAVE_UP
         out.states[:, left], out.end[left], out.largest[:, left] = found.states, found.end, found.largest
         left = left[found.end == GAVE_UP]
-        if not left.size:
-            break
     return out
 
 
 def relax(batch: Stacked, start: FloatArray) -> Rests:
     """Where states (n_unknowns, n) that are no equilibria go."""
+    if not _is_covered(batch):
+        return Rests(start.copy(), np.full(start.shape[1], GAVE_UP), start[: batch.count].copy())
     with np.errstate(all="ignore"):
-        return _flow(batch, start, start[: batch.count], None, 0.0)
+        found = _flow(batch, start, start[: batch.count], None, 0.0)
+        margins = _margins(batch, start)
+        if len(margins):
+            # Broken as it begins.
+            broken = margins.min(axis=0) <= 0.0
+            found.end[broken] = 1 + np.argmin(margins, axis=0)[broken]
+    return found
 
 
-def _flow(batch: Stacked, origin: FloatArray, x: FloatArray, escape: FloatArray | None, blur: float) -> Rests:
+def _is_covered(batch: Stacked) -> bool:
+    """A liquid's pressure in motion is not that of its law."""
+    return not (isinstance(batch.equations, SealedBalloons) and isinstance(batch.equations.gas, Liquid))
+
+
+def _flow(batch: Stacked, origin: FloatArray, x: FloatArray, escape: FloatArray | None, off: float) -> Rests:
     """Where the flow from stretches x goes, at the drive of states that it began in.
 
-    `escape` is the direction in which it must lead on, `blur` how far x may be off the trajectory wanted.
+    `escape` is the direction in which it must lead on, `off` how far along it x is from `origin`.
     """
     count, runs = batch.count, origin.shape[1]
     out = Rests(origin.copy(), np.full(runs, GAVE_UP), origin[:count].copy())
@@ -244,18 +262,18 @@ def _flow(batch: Stacked, origin: FloatArray, x: FloatArray, escape: FloatArray 
     away = 0.0 if escape is None else np.sqrt(((x - origin[:count]) ** 2).sum(axis=0)) * 0.999
     weights = 1.0 / batch.scales(runs) ** 2
     nothing = np.zeros(runs)
-    first = 0.5 * np.sqrt(blur) / speed if blur else np.minimum(0.01 / speed, 0.1)
+    first = 0.5 * off / speed if off else np.minimum(0.01 / speed, 0.1)
     front = _Front(
         batch, np.arange(runs), weights, x, v, first, nothing, nothing, nothing, speed, speed, closest, fit
     ).take(fit)  # fmt: skip
-    trail = _Trail([], [])
+    trail = _Trail([], [], [])
     ends: list[_Front] = []
     for _ in range(_MOST_STEPS):
         if not front.alive.any():
             break
         front = _loosely(front, origin, away, out, trail, ends)
-    if ends:
-        _tightly(batch, v, ends, trail, blur, out)
+    if any(e.index.size for e in ends):
+        _tightly(batch, v, ends, trail, off * off if off > _OFF else 0.0, out)
     return out
 
 
@@ -285,18 +303,29 @@ def _loosely(
     memory = front.memory + front.span * np.minimum(front.fade, fade)
     trail.states.append(np.full((count, runs), np.nan))
     trail.memory.append(np.full(runs, np.inf))
-    trail.states[-1][:, front.index], trail.memory[-1][front.index] = x, memory
+    trail.margin.append(np.full(runs, np.nan))
+    going = front.alive
+    here = front.index[going]
+    trail.states[-1][:, here], trail.memory[-1][here] = x[:, going], memory[going]
+    if len(margins):
+        trail.margin[-1][here] = margins.min(axis=0)[going]
     if ended.any():
-        ends.append(front.take(ended))
-        ends[-1].memory = memory[ended]
+        # How a flow without an end goes is not asked for.
+        endless = [place for place, m in enumerate(batch.margins) if m.kind == EventKind.RUNAWAY]
+        first = np.argmin(margins, axis=0)
+        away_for_good = ended & np.isin(first, endless)
+        out.end[front.index[away_for_good]] = 1 + first[away_for_good]
+        out.states[:, front.index[away_for_good]] = y[:, away_for_good]
+        on_the_way = ended & ~away_for_good
+        ends.append(front.take(on_the_way))
     solve = flow.solver(_GAMMA * h)
     first = solve(flow.rates)
     second = solve(_rates(batch, _full(batch, x + h * first, v)) - 2.0 * first)
     new = x + h * (1.5 * first + 0.5 * second)
-    error = np.sqrt(((0.5 * h * (first + second)) ** 2).sum(axis=0)) / _LOOSE
+    error = np.sqrt(((0.5 * h * (first + second) / (0.5 + 0.5 * x)) ** 2).sum(axis=0)) / _LOOSE
     inside = np.array([np.asarray(d) for d in np.broadcast_arrays(*batch.denominators(new), v)[:-1]])
     fine = (error <= 1.0) & (inside > 0.0).all(axis=0) & (new > 0.0).all(axis=0)
-    growth = np.clip(0.75 / np.sqrt(np.maximum(error, 1e-4)), 0.2, 2.5)
+    growth = np.clip(0.75 / np.sqrt(np.maximum(error, 1e-4)), 0.2, 1.5)
     gone = ended | lingered | (h * fastest <= 1e-12)
     gone[landed] = True
     return _Front(
@@ -311,25 +340,27 @@ def _tightly(
 ) -> None:
     """Integrate once more, from as far back as it matters, the flows that end on their way."""
     index = np.concatenate([e.index for e in ends])
-    memory = np.concatenate([e.memory for e in ends])
     # The last state of the trail from which enough is forgotten, and where that is up to the next one.
-    trail_memory = np.stack(trail.memory)[:, index]
-    passed = trail_memory <= memory - _MEMORY
+    along, margin = np.stack(trail.memory)[:, index], np.stack(trail.margin)[:, index]
+    runs = np.arange(index.size)
+    over = np.isfinite(along).sum(axis=0) - 1 + np.argmax(np.isfinite(along), axis=0)
+    share = margin[over - 1, runs] / (margin[over - 1, runs] - margin[over, runs])
+    memory = along[over - 1, runs] + share * (along[over, runs] - along[over - 1, runs])
+    passed = along <= memory - _MEMORY
     # From the very start there may be less to forget.
     passed[0] |= blur * np.exp(-memory) <= _EXACT
-    known = passed.any(axis=0)
-    index = index[known]
+    known = passed.any(axis=0) & (over > 0)
+    index, runs, memory, over = index[known], runs[known], memory[known], over[known]
     if not index.size:
         return
-    last = len(passed) - 1 - np.argmax(passed[::-1, known], axis=0)
-    runs = np.arange(index.size)
-    following = np.minimum(last + 1, len(passed) - 1)
-    before, after = (trail_memory[:, known][k, runs] for k in (last, following))
-    share = np.clip((memory[known] - _MEMORY - before) / (after - before), 0.0, 1.0)
+    last = np.minimum(len(passed) - 1 - np.argmax(passed[::-1, known], axis=0), over - 1)
+    before, after = (along[k, runs] for k in (last, last + 1))
+    share = np.clip((memory - _MEMORY - before) / (after - before), 0.0, 1.0)
     share = np.where(np.isfinite(share), share, 0.0)[:, None]
     states = np.stack(trail.states)
-    ahead = np.where(share > 0.0, share * (states[following, :, index] - states[last, :, index]), 0.0)
-    x = (states[last, :, index] + ahead).T
+    x = (states[last, :, index] + share * (states[last + 1, :, index] - states[last, :, index])).T
+    beyond = ~(_margins(batch.take(index), _full(batch.take(index), x, v[index])) > 0.0).all(axis=0)
+    x[:, beyond] = states[last, :, index].T[:, beyond]
     some = batch.take(index)
     y = _full(some, x, v[index])
     nothing = np.zeros(index.size)

@@ -76,6 +76,11 @@ class Node(NamedTuple):
     others: FloatArray
 
 
+def on_grid(values: FloatArray) -> FloatArray:
+    """The polynomials through values (5, n_runs) at the points, on `GRID`."""
+    return np.asarray(_AT_GRID @ values)
+
+
 def square(weights: FloatArray, change: FloatArray) -> FloatArray:
     """|change|² in scaled unknowns."""
     return np.asarray((weights * change * change).sum(axis=0))

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from dataclasses import fields as fields_of
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simulator.solver.batch.bordered import Bordered, pivots, softest
+from simulator.model.membranes import ElectrodedMembrane
 from simulator.solver.batch.events import at_drive, at_zero
+from simulator.solver.batch.extremes import largest
 from simulator.solver.batch.interval import Interval, Node, basis, interval, look, square
 from simulator.solver.batch.stacked import Stacked
 
@@ -56,7 +59,6 @@ class Passage:
     defect: FloatArray
     largest: FloatArray
     field: FloatArray
-    electroded: bool
     steps: int = field(default=0)
 
 
@@ -107,7 +109,7 @@ def follow(batch: Stacked, start: FloatArray, sense: FloatArray, target: FloatAr
     weights = 1.0 / batch.scales(runs) ** 2
     out = Passage(
         start.copy(), np.zeros_like(start), np.full(runs, GAVE_UP), *(np.zeros(runs) for _ in range(3)),
-        start[:count].copy(), np.abs(fields(batch, start)), _has_field(batch),
+        start[:count].copy(), np.abs(fields(batch, start)),
     )  # fmt: skip
     normal = np.zeros_like(start)
     normal[-1] = sense
@@ -183,7 +185,7 @@ def _advance(front: _Front, out: Passage, ends: list[_Ends]) -> _Front:
     fine &= ~sight.unclear & ~hidden & front.alive
     ended = fine & (sight.first >= 0)
     onward = fine & ~ended
-    _note(out, batch, front.index, found, onward)
+    _note(out, batch, front.index, found, place, onward)
     if ended.any():
         ends.append(_Ends.of(front, first, found, sight.first, sight.at, place, ended))
     gone = ended | (front.alive & ~fine & (front.length < _SHORTEST))
@@ -213,21 +215,35 @@ def _with_target(found: Interval, front: _Front) -> FloatArray:
     return np.concatenate([left[None], found.margins])
 
 
-def _note(out: Passage, batch: Stacked, index: NDArray[np.int64], found: Interval, which: BoolArray) -> None:
+def _note(
+    out: Passage, batch: Stacked, index: NDArray[np.int64], found: Interval, place: Places, which: BoolArray
+) -> None:
     """Add what was seen in an interval to the runs chosen."""
     at = index[which]
+    if not at.size:
+        return
     out.work[at] += found.work[which]
     out.exchanged[at] += found.exchanged[which]
     out.defect[at] += found.defect[which]
-    count = len(out.largest)
-    if not at.size:
-        return
-    states = found.states[:, :, which]
+    states, place = found.states[:, :, which], place[which]
     batch = batch if which.all() else batch.take(which)
-    out.largest[:, at] = np.maximum(out.largest[:, at], states[:count].max(axis=1))
-    if out.electroded:
-        found_fields = fields(batch, states)
-        out.field[:, at] = np.maximum(out.field[:, at], np.abs(found_fields).max(axis=1))
+    for i, membrane in enumerate(batch.membranes):
+        out.largest[i, at] = largest(batch, partial(_stretch, i), states, place, out.largest[i, at])
+        if isinstance(membrane, ElectrodedMembrane):
+            square_so_far = out.field[i, at] ** 2
+            out.field[i, at] = np.sqrt(
+                largest(batch, partial(_field_squared, i), states, place, square_so_far)
+            )
+
+
+def _stretch(i: int, batch: Stacked, y: Any) -> Any:
+    return y[i]
+
+
+def _field_squared(i: int, batch: Stacked, y: Any) -> Any:
+    membrane = batch.membranes[i]
+    assert isinstance(membrane, ElectrodedMembrane)
+    return membrane.field(y[i], y[-1]) ** 2
 
 
 @dataclass
@@ -300,7 +316,7 @@ def _finish(
         good &= square(w, y - guess) <= 0.25 * square(w, ends.states[:, -1, mine] - first.state)
         way = interval(part, w, first, last, soft)
         good &= way.smooth & (way.margins[:, :-1] > 0.0).all(axis=(0, 1))
-        _note(out, part, runs, way, good)
+        _note(out, part, runs, way, soft, good)
         done = runs[good]
         out.states[:, done], out.tangents[:, done], out.end[done] = y[:, good], t[:, good], code
         settled[mine] = good
@@ -315,16 +331,8 @@ def _finish(
 
 def fields(batch: Stacked, y: FloatArray) -> FloatArray:
     """True electric fields, (n_balloons, …, n_runs), 0 where there are no electrodes."""
-    equations = batch.equations
-    membranes = equations.membranes if batch.sealed else (equations.membrane,)  # type: ignore[union-attr]
     out = np.zeros((batch.count, *y.shape[1:]))
-    for i, membrane in enumerate(membranes):
-        if hasattr(membrane, "field"):
+    for i, membrane in enumerate(batch.membranes):
+        if isinstance(membrane, ElectrodedMembrane):
             out[i] = membrane.field(y[i], y[-1])
     return out
-
-
-def _has_field(batch: Stacked) -> bool:
-    equations = batch.equations
-    membranes = equations.membranes if batch.sealed else (equations.membrane,)  # type: ignore[union-attr]
-    return any(hasattr(membrane, "field") for membrane in membranes)

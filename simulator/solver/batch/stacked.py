@@ -14,7 +14,7 @@ from simulator.events import EventKind
 from simulator.model.conditions import ENDLESS, intactness
 from simulator.model.elastomers import ArrudaBoyce, Gent, largest_stretch
 from simulator.model.equations import OpenBalloon, SealedBalloons, State
-from simulator.model.membranes import ChargedMembrane, ElectrodedMembrane
+from simulator.model.membranes import AnyMembrane, ChargedMembrane, ElectrodedMembrane
 from simulator.model.strength import Strength
 
 FloatArray = NDArray[np.float64]
@@ -93,6 +93,12 @@ class Stacked:
     def count(self) -> int:
         """Number of balloons."""
         return len(self.equations.walls)
+
+    @property
+    def membranes(self) -> tuple[AnyMembrane, ...]:
+        """The balloons' walls, with their voltages."""
+        equations = self.equations
+        return equations.membranes if isinstance(equations, SealedBalloons) else (equations.membrane,)
 
     @property
     def sealed(self) -> bool:

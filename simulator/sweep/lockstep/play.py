@@ -88,11 +88,14 @@ def play(device: Device, moves: tuple[Move, ...], runs: int, past: Past | None) 
     balloons, electrodes = len(device.names), len(device.electroded)
     ones, nothing = np.ones((balloons, runs)), np.zeros(runs)
     state = Played(
-        device, ones, nothing, np.zeros((electrodes, runs)), contents(device, ones, nothing), False,
+        device, ones, nothing, np.zeros((electrodes, runs)), contents(device, ones, nothing.copy()), False,
         np.full(runs, THERE), np.zeros(runs, dtype=bool), *(np.zeros(runs, dtype=int) for _ in range(3)),
         np.full_like(ones, np.nan), np.full(runs, np.nan), ones.copy(), ones.copy(),
         np.zeros((balloons, runs)), *(np.zeros(runs) for _ in range(5)), np.full(runs, np.nan),
     )  # fmt: skip
+    for move in moves:
+        if past is not None and past.step == move.number:
+            state.past[:] = move.targets[0]  # as written, where it is not gone
     opening = True
     with np.errstate(all="ignore"):
         for place, move in enumerate(moves):
@@ -103,7 +106,7 @@ def play(device: Device, moves: tuple[Move, ...], runs: int, past: Past | None) 
             before = state.end.copy()
             _step(state, move, past)
             if move.valve_open:
-                state.contents = contents(device, state.stretch, state.pressure)
+                state.contents = contents(device, state.stretch, state.pressure.copy())
             if opening:
                 still = before == THERE
                 state.sealed[:, still] = state.stretch[:, still]
@@ -182,8 +185,6 @@ def _inflate(state: Played, runs: Index, target: FloatArray) -> None:
 
 
 def _ramp(state: Played, runs: Index, target: FloatArray, times: float | None) -> None:
-    if times is not None:
-        state.past[runs] = target[0]
     moved = (target != state.voltage[:, runs]).any(axis=0)
     runs, target = runs[moved], target[:, moved]
     if not runs.size:
