@@ -96,7 +96,7 @@ def play_chunk(job: Job, task: Task) -> str:
             f"a worker has dielectric-balloons {__version__}, the sweep was started by {job.version}; "
             "install the same version everywhere"
         )
-    return chunk.as_csv(chunk.rows(job, task.start, task.values, task.audited, list(columns(job)), play))
+    return as_text(chunk.rows(job, task.start, task.values, task.audited, list(columns(job)), play))
 
 
 def as_text(rows: Iterable[Sequence[object]]) -> str:
@@ -109,6 +109,8 @@ def as_text(rows: Iterable[Sequence[object]]) -> str:
 
 
 def _cell(value: object) -> str | int | float:
+    if type(value) is float:  # most are
+        return value if value == value else ""
     if value is None or value != value:
         return ""
     if isinstance(value, bool):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.solver.batch.bordered import Bordered
-from simulator.solver.batch.interval import GRID, basis, on_grid
+from simulator.solver.batch.interval import AT_ENDS, GRID, basis, on_grid
 from simulator.solver.batch.stacked import Stacked
 
 FloatArray = NDArray[np.float64]
@@ -17,7 +17,7 @@ Quantity = Callable[[Stacked, Any], Any]
 
 _ROUNDS = 5
 _STEP = 1e-30
-_NO_MORE = 1e-12  # over the largest so far: not worth looking at
+_NEAR = 1e-4  # over the largest so far: how close a polynomial must come for a look at the curve itself
 
 
 def largest(
@@ -44,13 +44,16 @@ def largest(
     out: FloatArray = np.maximum(so_far, values.max(axis=0))
     seen = on_grid(values)
     top = np.argmax(seen, axis=0)
-    inner = (top > 0) & (top < len(GRID) - 1) & (seen.max(axis=0) > so_far * (1.0 + _NO_MORE))
+    first, last = AT_ENDS @ values
+    last_place = len(GRID) - 1
+    inner = np.where(top == 0, first > 0.0, np.where(top == last_place, last < 0.0, True))
+    inner &= seen.max(axis=0) > so_far * (1.0 - _NEAR)
     some = np.flatnonzero(inner)
     if not some.size:
         return out
     batch, states, place, top = batch.take(some), states[:, :, some], place[some], top[some]
     chord = states[:, -1] - states[:, 0]
-    low, high = GRID[top - 1], GRID[top + 1]
+    low, high = GRID[np.maximum(top - 1, 0)], GRID[np.minimum(top + 1, last_place)]
     rise_low, _ = _rise(batch, quantity, states, chord, place, low)
     rise_high, _ = _rise(batch, quantity, states, chord, place, high)
     best = np.full(some.size, -np.inf)

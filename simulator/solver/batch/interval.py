@@ -35,6 +35,10 @@ def basis(x: FloatArray) -> FloatArray:
 
 
 _AT_GRID = basis(GRID).T.copy()  # (33, 5)
+# The slopes, at the two ends, of the polynomial through five values.
+AT_ENDS = np.linalg.solve(
+    np.vander(POINTS, increasing=True).T, np.array([[0.0, 1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 2.0, 3.0, 4.0]]).T
+).T
 _HIGHEST = np.array([np.prod(p - np.delete(POINTS, j)) ** -1.0 for j, p in enumerate(POINTS)])
 _SHAPE = np.abs(np.prod(GRID[:, None] - POINTS, axis=1))  # of the polynomial through five points: its error
 _SHARE = np.max(_SHAPE)

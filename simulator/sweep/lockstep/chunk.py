@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -119,13 +117,3 @@ def _compare(run: int, together: Row, alone: Row) -> None:
             raise DisagreementError(
                 f"run {run}: {name} is {here!r} in lockstep and {there!r} by itself; please report this"
             )
-
-
-def as_csv(table: Sequence[Sequence[object]]) -> str:
-    """Rows as CSV without a header; NaN and None are empty."""
-    stream = io.StringIO()
-    csv.writer(stream, lineterminator="\n").writerows(
-        ["" if c is None or c != c else ("false", "true")[c] if isinstance(c, bool) else c for c in row]
-        for row in table
-    )
-    return stream.getvalue()

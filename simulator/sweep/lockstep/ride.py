@@ -152,11 +152,11 @@ def settle(batch: Stacked, out: Ride, left: Index, before: FloatArray, rests: fl
     _ended(batch, out, left, rests.end - 1, rests.end < 0, rests.end >= 1)
     energy = batch.equations.potential
     lost = np.asarray(energy(before)) - np.asarray(energy(rests.states))
-    out.states[:, left] = rests.states
     out.snapped[left[rests.end >= 1]] = True
     # A flow without an end has no side after it.
     runaway = np.array([False, *(m.kind == EventKind.RUNAWAY for m in batch.margins)])
     kept = ~runaway[np.maximum(rests.end, 0)]
+    out.states[:, left] = np.where(kept, rests.states, before)
     lost = np.where(kept, lost, 0.0)
     fields = np.abs(path.fields(batch, rests.states))
     out.largest[:, left] = np.maximum(out.largest[:, left], np.where(kept, rests.largest, 0.0))
