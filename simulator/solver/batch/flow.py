@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,15 +31,16 @@ GAVE_UP, RESTED = -1, 0  # then 1 + the place in `Stacked.margins`
 
 _FAR_OFF = 1e-2  # stretch by which a snap is started off its limit point
 _OFF = 1e-4  # the same where it must be as `solver.flow` starts it: little is forgotten on the way
-_EXACT = 1e-13  # how far off the trajectory a tight flow may be in the end
 _LOOSE = 3e-2  # of a loose step, in stretch: what a method of first order would be off
 _ACCURACY = 1e-11  # of a tight one
-_MEMORY = 28.0  # e-folds over which what is off the trajectory is forgotten
+_BACK = (36.0, 90.0, 220.0)  # e-folds that a tight flow is to begin before its end: tried one after the other
+_FORGOTTEN = 24.0  # e-folds after which what was off the trajectory is
 _MOST_STEPS = 120
-_MOST_TIGHT_STEPS = 150
+_MOST_TIGHT_STEPS, _MANY_STEPS, _FEW = 150, 80, 0.01
 _NEAR = 0.05  # how far a Newton step may lead for Newton's method to take over
 _LINGERS = 1e-3  # over the largest speed so far: a flow this slow that grows faster again passed a saddle
 _GRAZES = 0.02  # a margin that comes as close to zero on the way may be passed by a tight flow
+_LONGEST = 2.5  # e-folds of a step: further the method itself forgets less than the flow
 _ROUNDS = 8
 _MOST_ALIVE = 0.8
 _GAMMA = 1.0 - 0.5 * 2.0**0.5
@@ -273,7 +274,7 @@ def _flow(batch: Stacked, origin: FloatArray, x: FloatArray, escape: FloatArray 
             break
         front = _loosely(front, origin, away, out, trail, ends)
     if any(e.index.size for e in ends):
-        _tightly(batch, v, ends, trail, off * off if off > _OFF else 0.0, out)
+        _tightly(batch, v, ends, trail, off <= _OFF, out)
     return out
 
 
@@ -335,56 +336,120 @@ def _loosely(
     ).without(gone)  # fmt: skip
 
 
+@dataclass(frozen=True)
+class _Last:
+    """The last loose steps of flows that end on their way.
+
+    `index` are the runs, `along` (n_steps, n) what each had forgotten at each step, `over` the first step
+    beyond the end, `share` how far between the step before and that one the end is.
+    """
+
+    index: NDArray[np.int64]
+    states: FloatArray
+    along: FloatArray
+    over: NDArray[np.int64]
+    share: FloatArray
+
+    @classmethod
+    def of(cls, index: NDArray[np.int64], trail: _Trail) -> _Last:
+        along, margin = np.stack(trail.memory)[:, index], np.stack(trail.margin)[:, index]
+        runs = np.arange(index.size)
+        over = np.isfinite(along).sum(axis=0) - 1 + np.argmax(np.isfinite(along), axis=0)
+        before = np.maximum(over - 1, 0)
+        share = margin[before, runs] / (margin[before, runs] - margin[over, runs])
+        return cls(index, np.stack(trail.states)[:, :, index], along, over, np.clip(share, 0.0, 1.0))
+
+    def take(self, some: Any) -> _Last:
+        return _Last(
+            self.index[some], self.states[:, :, some], self.along[:, some], self.over[some], self.share[some]
+        )
+
+    def starts(self, batch: Stacked, v: FloatArray, back: float) -> tuple[FloatArray, BoolArray]:
+        """States some e-folds before the ends, about, (n_balloons, n), and where that is the very start."""
+        runs, before = np.arange(self.index.size), np.maximum(self.over - 1, 0)
+        low, high = self.states[before, :, runs].T, self.states[self.over, :, runs].T
+        memory = self.along[before, runs]
+        end = low + self.share * (high - low)
+        y = _full(batch, end, v)
+        flow = _Jacobian(batch, y, batch.parts(y))
+        speed = np.sqrt((flow.rates**2).sum(axis=0))
+        # Within the last step by the way that it takes to forget, else by what was forgotten before.
+        length = np.sqrt(((high - low) ** 2).sum(axis=0))
+        part = self.share - speed * back / np.maximum(flow.forgets(), 1e-300) / length
+        wanted = memory + self.share * (self.along[self.over, runs] - memory) - back
+        earlier = (self.along <= np.minimum(wanted, memory)) & np.isfinite(self.along)
+        last = np.where(earlier.any(axis=0), len(earlier) - 1 - np.argmax(earlier[::-1], axis=0), 0)
+        last = np.minimum(last, before)
+        following = np.minimum(last + 1, self.over)
+        a, b = self.along[last, runs], self.along[following, runs]
+        between = np.nan_to_num(np.clip((wanted - a) / (b - a), 0.0, 1.0))
+        x0, x1 = self.states[last, :, runs].T, self.states[following, :, runs].T
+        inside = part > 0.0
+        x = np.where(
+            inside, low + part * (high - low), x0 + np.where(following < self.over, between, 0.0) * (x1 - x0)
+        )
+        first = ~inside & (last == 0) & ~earlier.any(axis=0)
+        x[:, first] = self.states[0, :, runs].T[:, first]
+        return x, first
+
+
 def _tightly(
-    batch: Stacked, v: FloatArray, ends: list[_Front], trail: _Trail, blur: float, out: Rests
+    batch: Stacked, v: FloatArray, ends: list[_Front], trail: _Trail, exact: bool, out: Rests
 ) -> None:
-    """Integrate once more, from as far back as it matters, the flows that end on their way."""
-    index = np.concatenate([e.index for e in ends])
-    # The last state of the trail from which enough is forgotten, and where that is up to the next one.
-    along, margin = np.stack(trail.memory)[:, index], np.stack(trail.margin)[:, index]
-    runs = np.arange(index.size)
-    over = np.isfinite(along).sum(axis=0) - 1 + np.argmax(np.isfinite(along), axis=0)
-    share = margin[over - 1, runs] / (margin[over - 1, runs] - margin[over, runs])
-    memory = along[over - 1, runs] + share * (along[over, runs] - along[over - 1, runs])
-    passed = along <= memory - _MEMORY
-    # From the very start there may be less to forget.
-    passed[0] |= blur * np.exp(-memory) <= _EXACT
-    known = passed.any(axis=0) & (over > 0)
-    index, runs, memory, over = index[known], runs[known], memory[known], over[known]
-    if not index.size:
-        return
-    last = np.minimum(len(passed) - 1 - np.argmax(passed[::-1, known], axis=0), over - 1)
-    before, after = (along[k, runs] for k in (last, last + 1))
-    share = np.clip((memory - _MEMORY - before) / (after - before), 0.0, 1.0)
-    share = np.where(np.isfinite(share), share, 0.0)[:, None]
-    states = np.stack(trail.states)
-    x = (states[last, :, index] + share * (states[last + 1, :, index] - states[last, :, index])).T
-    beyond = ~(_margins(batch.take(index), _full(batch.take(index), x, v[index])) > 0.0).all(axis=0)
-    x[:, beyond] = states[last, :, index].T[:, beyond]
-    some = batch.take(index)
-    y = _full(some, x, v[index])
-    nothing = np.zeros(index.size)
-    speed = np.sqrt((_rates(some, y) ** 2).sum(axis=0))
-    front = _Front(
-        some, index, nothing, x, v[index], 0.02 / speed, nothing, nothing, nothing, speed, speed,
-        _margins(some, y), np.ones(index.size, dtype=bool),
-    )  # fmt: skip
-    passing: list[tuple[NDArray[np.int64], FloatArray, FloatArray, FloatArray]] = []
-    for _ in range(_MOST_TIGHT_STEPS):
-        if not front.alive.any():
-            break
-        front = _exactly(front, passing)
-    if passing:
-        index, x, h, margins = (np.concatenate(parts, axis=-1) for parts in zip(*passing, strict=True))
-        _end(batch.take(index), index, x, v[index], h, margins, out)
+    """Integrate once more, from as far back as it matters, the flows that end on their way.
+
+    `exact` says that their very start is to be believed: nothing needs to be forgotten from there on.
+    """
+    known = _Last.of(np.concatenate([e.index for e in ends]), trail)
+    known = known.take(known.over > 0)
+    for back in _BACK:
+        if not known.index.size:
+            return
+        some = batch.take(known.index)
+        x, first = known.starts(some, v[known.index], back)
+        y = _full(some, x, v[known.index])
+        nothing = np.zeros(known.index.size)
+        flow = _Jacobian(some, y, some.parts(y))
+        speed = np.sqrt((flow.rates**2).sum(axis=0))
+        margins = _margins(some, y)
+        front = _Front(
+            some, known.index, np.where(first & exact, np.inf, 0.0), x, v[known.index],
+            np.minimum(0.02 / speed, 0.5 / flow.forgets()), nothing, nothing, nothing, speed, speed, margins,
+            (margins > 0.0).all(axis=0),
+        )  # fmt: skip
+        passing: list[_Passing] = []
+        for step in range(_MOST_TIGHT_STEPS):
+            # A few that take many steps are played faster by themselves.
+            few = step > _MANY_STEPS and front.alive.sum() <= _FEW * known.index.size
+            if few or not front.alive.any():
+                break
+            front = _exactly(front, passing)
+        if passing:
+            _end(batch, v, passing, out)
+        known = known.take(out.end[known.index] == GAVE_UP)
 
 
-def _exactly(
-    front: _Front, passing: list[tuple[NDArray[np.int64], FloatArray, FloatArray, FloatArray]]
-) -> _Front:
-    """One tight step."""
+class _Passing(NamedTuple):
+    """Steps within which tight flows end: what they had forgotten before it, and how fast they forget."""
+
+    index: NDArray[np.int64]
+    x: FloatArray
+    h: FloatArray
+    margins: FloatArray
+    memory: FloatArray
+    fade: FloatArray
+
+
+def _exactly(front: _Front, passing: list[_Passing]) -> _Front:
+    """One tight step; what will be forgotten need not be right. (Of `weights`, whether nothing needs to be.)"""
     batch, v = front.batch, front.v
-    x, error, low = _step(batch, front.x, v, front.h)
+    y = _full(batch, front.x, v)
+    fade = _Jacobian(batch, y, batch.parts(y)).forgets()
+    memory = front.memory + front.span * np.minimum(front.fade, fade)
+    left = np.where(front.weights > 0.0, 0.0, np.maximum(_FORGOTTEN - memory, 0.0))
+    h = np.minimum(front.h, _LONGEST / np.maximum(fade, 1e-300))
+    x, error, low = _step(batch, front.x, v, h)
+    error = error * np.exp(-0.8 * left)
     fine = (error <= 1.0) & np.isfinite(x).all(axis=0)
     y = _full(batch, np.where(fine, x, front.x), v)
     margins = _margins(batch, y)
@@ -392,26 +457,31 @@ def _exactly(
     # Tension that is lost within the step and back at its end.
     fine &= (low > 0.0) | below
     if below.any():
-        passing.append((front.index[below], front.x[:, below], front.h[below], margins[:, below]))
+        passing.append(
+            _Passing(
+                front.index[below], front.x[:, below], h[below], margins[:, below],
+                (memory + front.weights)[below], fade[below],
+            )
+        )  # fmt: skip
     growth = np.clip(0.9 * np.maximum(error, 1e-12) ** -0.125, 0.2, 6.0)
     growth = np.where(np.isfinite(growth), np.where(fine, growth, np.minimum(growth, 0.5)), 0.2)
     return _Front(
-        batch, front.index, front.weights, y[: len(x)], v, front.h * growth, front.memory, front.span,
-        front.fade, front.fastest, front.slowest, np.minimum(front.closest, margins), front.alive,
+        batch, front.index, front.weights, y[: len(x)], v, h * growth, memory,
+        np.where(fine, h, 0.0), fade, front.fastest, front.slowest,
+        np.minimum(front.closest, margins), front.alive,
     ).without(below)  # fmt: skip
 
 
-def _end(
-    batch: Stacked, index: NDArray[np.int64], start: FloatArray, v: FloatArray, longest: FloatArray,
-    margins: FloatArray, out: Rests,
-) -> None:  # fmt: skip
+def _end(batch: Stacked, v: FloatArray, passing: list[_Passing], out: Rests) -> None:
     """The states at which margins fall to zero within a step, by Newton's method along the flow."""
-    count = len(start)
+    index, start, longest, margins, memory, fade = (
+        np.concatenate(parts, axis=-1) for parts in zip(*passing, strict=True)
+    )
+    batch, v = batch.take(index), v[index]
     first = np.argmin(margins, axis=0)
     h = longest
-    good = np.zeros(v.size, dtype=bool)
     for _ in range(_ROUNDS):
-        x, _, _ = _step(batch, start, v, h)
+        x, error, _ = _step(batch, start, v, h)
         y = _full(batch, x, v)
         rates = _rates(batch, y)
         # Along the flow, by a complex step in time.
@@ -426,9 +496,10 @@ def _end(
     others = values.real.copy()
     np.put_along_axis(others, first[None], np.inf, axis=0)
     good &= (others.min(axis=0) > 0.0) if len(others) > 1 else True
-    out.states[:, index] = y
-    out.end[index] = np.where(good, 1 + first, GAVE_UP)
-    out.largest[:, index] = np.maximum(out.largest[:, index], y[:count])
+    good &= (memory + h * fade >= _FORGOTTEN) & (error <= 1.0)
+    out.states[:, index[good]] = y[:, good]
+    out.end[index[good]] = 1 + first[good]
+    out.largest[:, index[good]] = np.maximum(out.largest, out.states[: len(start)])[:, index[good]]
 
 
 def _landed(
