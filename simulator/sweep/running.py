@@ -29,9 +29,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from simulator.scenario import Problem, ScenarioError
-from simulator.sweep.rows import Task, as_text, columns, failure, play_chunk
 from simulator.sweep.lockstep.chunk import DisagreementError
 from simulator.sweep.lockstep.stacking import covered
+from simulator.sweep.rows import Task, as_text, columns, failure, play_chunk
 from simulator.sweep.storage import Store, alone, fair_chunk, large_chunk, open_store
 
 if TYPE_CHECKING:

@@ -129,7 +129,7 @@ def fair_chunk(size: int, workers: int) -> int:
 
 
 def large_chunk(size: int, workers: int) -> int:
-    """Runs of a chunk that is played in lockstep: as many as serve one step, but two chunks for each worker."""
+    """Runs of a chunk that is played in lockstep: many, but two chunks for each worker."""
     return max(1, min(_MOST_TOGETHER, -(-size // (2 * workers))))
 
 

@@ -19,7 +19,7 @@ Array = NDArray[Any]
 
 def softest(parts: Parts) -> NDArray[np.int64]:
     """Which balloon has the smallest ∂R/∂λ, (n_runs,)."""
-    return np.argmin(parts.along, axis=0)
+    return np.asarray(np.argmin(parts.along, axis=0))
 
 
 def _pick(rows: Array, place: NDArray[np.int64]) -> Array:
@@ -27,7 +27,7 @@ def _pick(rows: Array, place: NDArray[np.int64]) -> Array:
     if len(rows) == 1:
         return np.asarray(rows[0])
     if len(rows) == 2:
-        return np.where(place == 0, rows[0], rows[1])
+        return np.asarray(np.where(place == 0, rows[0], rows[1]))
     at = np.broadcast_to(place, rows.shape[1:])
     return np.asarray(np.take_along_axis(rows, at[None], axis=0)[0])
 
@@ -63,7 +63,6 @@ class Bordered:
             self.x1, self.x3 = -self.c3, self.c1
             self.determinant = self.b1 * self.x1 + self.b3 * self.x3
             return
-        assert parts.per_pressure is not None and parts.gas_pressure is not None
         self.turned = self.inverse * parts.per_pressure
         self.c2, self.a1 = _pick(parts.per_pressure, place), _pick(parts.area, place)
         self.a2 = parts.gas_pressure - (parts.area * self.turned).sum(axis=0)

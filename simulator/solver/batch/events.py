@@ -66,11 +66,7 @@ def at_zero(
         t = rates / np.sqrt(square(weights, rates))
         y = y + step
         ahead = y + 1j * _STEP * t
-        if margin is None:
-            # The pivot of the state before the step within the plane would be as good only in the end.
-            value = pivots(batch.parts(ahead), place)[0]
-        else:
-            value = np.asarray(margin(ahead))
+        value = pivots(batch.parts(ahead), place)[0] if margin is None else np.asarray(margin(ahead))
         slope = value.imag / _STEP
         change = -value.real / slope
         size = np.sqrt(square(weights, step)) + np.abs(change)

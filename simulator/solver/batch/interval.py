@@ -151,7 +151,7 @@ class Sight(NamedTuple):
 
 def look(margins: FloatArray) -> Sight:
     """Where margins (n_margins, 5, n_runs) first fall through zero."""
-    count, _, runs = margins.shape
+    runs = margins.shape[2]
     low = margins.min(axis=1)
     rough = 2.0 * np.abs(np.tensordot(_HIGHEST, margins, (0, 1))) * _SHARE
     first = np.full(runs, -1)

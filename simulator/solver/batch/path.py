@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.solver.batch.bordered import Bordered, pivots, softest
 from simulator.model.membranes import ElectrodedMembrane
+from simulator.solver.batch.bordered import Bordered, pivots, softest
 from simulator.solver.batch.events import at_drive, at_zero
 from simulator.solver.batch.extremes import largest
 from simulator.solver.batch.interval import Interval, Node, basis, interval, look, square
@@ -47,7 +47,7 @@ class Passage:
         ∫ −∂Π/∂v dv, its absolute value integrated, and what the potential does not agree by.
     largest : (n_balloons, n) array
         Stretches.
-    field : (n_balloons, n) array
+    largest_field : (n_balloons, n) array
         Largest true electric fields, 0 without electrodes.
     """
 
@@ -58,7 +58,7 @@ class Passage:
     exchanged: FloatArray
     defect: FloatArray
     largest: FloatArray
-    field: FloatArray
+    largest_field: FloatArray
     steps: int = field(default=0)
 
 
@@ -108,8 +108,8 @@ def follow(batch: Stacked, start: FloatArray, sense: FloatArray, target: FloatAr
     count = batch.count
     weights = 1.0 / batch.scales(runs) ** 2
     out = Passage(
-        start.copy(), np.zeros_like(start), np.full(runs, GAVE_UP), *(np.zeros(runs) for _ in range(3)),
-        start[:count].copy(), np.abs(fields(batch, start)),
+        start.copy(), np.zeros_like(start), np.full(runs, GAVE_UP), np.zeros(runs), np.zeros(runs),
+        np.zeros(runs), start[:count].copy(), np.abs(fields(batch, start)),
     )  # fmt: skip
     normal = np.zeros_like(start)
     normal[-1] = sense
@@ -230,8 +230,8 @@ def _note(
     for i, membrane in enumerate(batch.membranes):
         out.largest[i, at] = largest(batch, partial(_stretch, i), states, place, out.largest[i, at])
         if isinstance(membrane, ElectrodedMembrane):
-            square_so_far = out.field[i, at] ** 2
-            out.field[i, at] = np.sqrt(
+            square_so_far = out.largest_field[i, at] ** 2
+            out.largest_field[i, at] = np.sqrt(
                 largest(batch, partial(_field_squared, i), states, place, square_so_far)
             )
 

@@ -32,10 +32,10 @@ class Parts(NamedTuple):
     force: FloatArray
     along: FloatArray
     per_v: FloatArray
-    gas: FloatArray | None
-    per_pressure: FloatArray | None
-    area: FloatArray | None
-    gas_pressure: FloatArray | None
+    gas: Any
+    per_pressure: Any
+    area: Any
+    gas_pressure: Any
 
 
 class Margin(NamedTuple):
@@ -109,10 +109,8 @@ class Stacked:
     def margins(self) -> tuple[Margin, ...]:
         """What ends a branch besides instability."""
         equations = self.equations
-        sealed = isinstance(equations, SealedBalloons)
-        membranes: Sequence[Any] = equations.membranes if sealed else (equations.membrane,)
-        found = [Margin(EventKind.LOSS_OF_TENSION, lambda y: y[-2])] if sealed else []
-        for place, (membrane, strength) in enumerate(zip(membranes, self.strengths, strict=True)):
+        found = [Margin(EventKind.LOSS_OF_TENSION, lambda y: y[-2])] if self.sealed else []
+        for place, (membrane, strength) in enumerate(zip(self.membranes, self.strengths, strict=True)):
             if strength is not None and isinstance(membrane, ElectrodedMembrane | ChargedMembrane):
                 found.append(Margin(EventKind.BREAKDOWN, intactness(membrane, place, strength).margin))
         for place, wall in enumerate(equations.walls):
@@ -127,20 +125,18 @@ class Stacked:
     def scales(self, runs: int) -> FloatArray:
         """Natural sizes of the unknowns, (n_unknowns, n_runs), as those of the equations of one run."""
         walls, equations = self.equations.walls, self.equations
-        sealed = isinstance(equations, SealedBalloons)
         softest = np.min(np.stack(np.broadcast_arrays(*(1.0 / w.pressure_load for w in walls))), axis=0)
-        last: Any = softest if not sealed and equations.pressure_rate else None
+        last: Any = softest if isinstance(equations, OpenBalloon) and equations.pressure_rate else None
         if last is None:
-            membranes = equations.membranes if sealed else (equations.membrane,)
             sizes = [
                 np.sqrt(2.0 / m.electric_load) / np.where(m.rate == 0.0, 1e-300, np.abs(m.rate))
-                for m in membranes
+                for m in self.membranes
                 if isinstance(m, ElectrodedMembrane | ChargedMembrane)
             ]
             last = np.min(np.stack(np.broadcast_arrays(*sizes)), axis=0) if sizes else 1.0
             last = np.where(last > 1e200, 1.0, last)
-        out = np.ones((len(walls) + 1 + sealed, runs))
-        if sealed:
+        out = np.ones((len(walls) + 1 + self.sealed, runs))
+        if self.sealed:
             out[-2] = softest
         out[-1] = last
         return out

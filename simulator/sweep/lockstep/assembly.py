@@ -1,4 +1,4 @@
-"""The equations of devices whose numbers are arrays, as `model.device` and `model.groups` make them of one."""
+"""The equations of devices whose numbers are arrays; `model.device` and `model.groups` make those of one."""
 
 from __future__ import annotations
 
@@ -7,8 +7,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.model.contents import Adiabat, Contents, IdealGas, Incompressible, Isotherm, Isothermal
-from simulator.model.contents import Liquid, SealedGas
+from simulator.model.contents import (
+    Adiabat,
+    Adiabatic,
+    Contents,
+    IdealGas,
+    Incompressible,
+    Isotherm,
+    Isothermal,
+    Liquid,
+    SealedGas,
+)
 from simulator.model.device import Device
 from simulator.model.equations import OpenBalloon, SealedBalloons
 from simulator.model.membranes import ElectrodedMembrane, Membrane
@@ -69,4 +78,5 @@ def contents(device: Device, stretch: FloatArray, pressure: FloatArray) -> Conte
         if np.any(law.chamber != 0.0):
             return SealedGas(pressure, swelling, law.ambient, law.chamber, Isotherm())
         return IdealGas(law.amount(pressure, swelling), law.ambient)
-    return SealedGas(pressure, swelling, law.ambient, law.chamber, Adiabat(law.exponent))  # type: ignore[union-attr]
+    assert isinstance(law, Adiabatic)
+    return SealedGas(pressure, swelling, law.ambient, law.chamber, Adiabat(law.exponent))

@@ -1,4 +1,4 @@
-"""A chunk of a sweep: in lockstep what can be, the rest run by run, and some runs both ways to see they agree."""
+"""A chunk of a sweep: in lockstep what can be, the rest run by run, and some runs both ways."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ class Played:
     landing_pressure: FloatArray
     sealed: FloatArray
     largest: FloatArray
-    field: FloatArray
+    largest_field: FloatArray
     electrical: FloatArray
     gas: FloatArray
     dissipated: FloatArray
@@ -65,6 +65,43 @@ class Played:
     exchanged: FloatArray
     past: FloatArray
     turns: list[tuple[FloatArray, Index]] = field(default_factory=list)
+
+    @classmethod
+    def unstretched(cls, device: Device, runs: int) -> Played:
+        """Stress free at p = 0, the valve closed over whatever gas that is."""
+        balloons = len(device.names)
+
+        def zeros() -> FloatArray:
+            return np.zeros(runs)
+
+        def whole() -> Index:
+            return np.zeros(runs, dtype=np.int64)
+
+        ones = np.ones((balloons, runs))
+        return cls(
+            device=device,
+            stretch=ones,
+            pressure=zeros(),
+            voltage=np.zeros((len(device.electroded), runs)),
+            contents=contents(device, ones, zeros()),
+            valve_open=False,
+            end=np.full(runs, THERE),
+            at_once=np.zeros(runs, dtype=bool),
+            limit_points=whole(),
+            inflation_snaps=whole(),
+            snaps=whole(),
+            landing=np.full((balloons, runs), np.nan),
+            landing_pressure=np.full(runs, np.nan),
+            sealed=ones.copy(),
+            largest=ones.copy(),
+            largest_field=np.zeros((balloons, runs)),
+            electrical=zeros(),
+            gas=zeros(),
+            dissipated=zeros(),
+            defect=zeros(),
+            exchanged=zeros(),
+            past=np.full(runs, np.nan),
+        )
 
     @property
     def going(self) -> Index:
@@ -85,14 +122,7 @@ def play(device: Device, moves: tuple[Move, ...], runs: int, past: Past | None) 
     past : Past or None
         See `sweep.plan`.
     """
-    balloons, electrodes = len(device.names), len(device.electroded)
-    ones, nothing = np.ones((balloons, runs)), np.zeros(runs)
-    state = Played(
-        device, ones, nothing, np.zeros((electrodes, runs)), contents(device, ones, nothing.copy()), False,
-        np.full(runs, THERE), np.zeros(runs, dtype=bool), *(np.zeros(runs, dtype=int) for _ in range(3)),
-        np.full_like(ones, np.nan), np.full(runs, np.nan), ones.copy(), ones.copy(),
-        np.zeros((balloons, runs)), *(np.zeros(runs) for _ in range(5)), np.full(runs, np.nan),
-    )  # fmt: skip
+    state = Played.unstretched(device, runs)
     for move in moves:
         if past is not None and past.step == move.number:
             state.past[:] = move.targets[0]  # as written, where it is not gone
@@ -305,13 +335,13 @@ def _book(
     *, inflates: bool = False,
 ) -> None:  # fmt: skip
     """Take the state at the end of a ride, and note what happened."""
-    place = list(members)
+    place = np.array(members)
     ended = ride.end > THERE
     ended &= state.end[runs] != GAVE_UP
     state.end[runs[ended]] = ride.end[ended]
     state.at_once[runs[ended & ride.snapped]] = not inflates
     state.stretch[np.ix_(place, runs)] = ride.states[: len(place)]
-    for name in ("largest", "field"):
+    for name in ("largest", "largest_field"):
         whole, part = getattr(state, name), getattr(ride, name)
         whole[np.ix_(place, runs)] = np.maximum(whole[np.ix_(place, runs)], part)
     equations = batch.equations
@@ -349,9 +379,11 @@ def _turned(state: Played, runs: Index, rides: list[Any], offset: FloatArray, ra
         first = mine[fresh]
         if len(rides) > 1:
             state.end[mine[kept]] = GAVE_UP  # which of several came first is not kept
-        state.landing[np.ix_(list(members), first)] = turn.after[:count, fresh]
+        state.landing[np.ix_(np.array(members), first)] = turn.after[:count, fresh]
         others = [i for i in range(len(state.stretch)) if i not in members]
-        state.landing[np.ix_(others, first)] = state.stretch[np.ix_(others, first)]
+        state.landing[np.ix_(np.array(others, dtype=int), first)] = state.stretch[
+            np.ix_(np.array(others, dtype=int), first)
+        ]
         state.landing_pressure[first] = turn.after[-2, fresh] if count > 1 or not state.valve_open else (
             state.pressure[first])  # fmt: skip
         state.snaps[mine[kept]] += 1

@@ -46,7 +46,7 @@ class Ride:
     turns : list of Turn
         In order for each run.
     work, defect, exchanged : (n,) arrays
-    largest, field : (n_balloons, n) arrays
+    largest, largest_field : (n_balloons, n) arrays
     """
 
     states: FloatArray
@@ -56,7 +56,7 @@ class Ride:
     defect: FloatArray
     exchanged: FloatArray
     largest: FloatArray
-    field: FloatArray
+    largest_field: FloatArray
     turns: list[Turn] = field(default_factory=list)
 
     @classmethod
@@ -65,7 +65,7 @@ class Ride:
         runs = start.shape[1]
         return cls(
             start.copy(), np.full(runs, THERE), np.zeros(runs, dtype=bool),
-            *(np.zeros(runs) for _ in range(3)), start[: batch.count].copy(),
+            np.zeros(runs), np.zeros(runs), np.zeros(runs), start[: batch.count].copy(),
             np.abs(path.fields(batch, start)),
         )  # fmt: skip
 
@@ -96,7 +96,7 @@ def drive(batch: Stacked, start: FloatArray, target: FloatArray, times: float | 
         out.defect[left] += passed.defect
         out.exchanged[left] += passed.exchanged
         out.largest[:, left] = np.maximum(out.largest[:, left], passed.largest)
-        out.field[:, left] = np.maximum(out.field[:, left], passed.field)
+        out.largest_field[:, left] = np.maximum(out.largest_field[:, left], passed.largest_field)
         _ended(some, out, left, passed.end - 2, passed.end < 0, passed.end >= 2)
         turned = np.flatnonzero(passed.end == path.TURNED)
         left = left[turned]
@@ -143,7 +143,7 @@ def _snap(batch: Stacked, out: Ride, left: Index, ahead: FloatArray) -> Index:
     rests = flow.snap(batch, before, ahead)
     settle(batch, out, left, before, rests)
     rested = rests.end == flow.RESTED
-    return left[rested]
+    return np.asarray(left[rested])
 
 
 def settle(batch: Stacked, out: Ride, left: Index, before: FloatArray, rests: flow.Rests) -> None:
@@ -160,7 +160,7 @@ def settle(batch: Stacked, out: Ride, left: Index, before: FloatArray, rests: fl
     lost = np.where(kept, lost, 0.0)
     fields = np.abs(path.fields(batch, rests.states))
     out.largest[:, left] = np.maximum(out.largest[:, left], np.where(kept, rests.largest, 0.0))
-    out.field[:, left] = np.maximum(out.field[:, left], np.where(kept, fields, 0.0))
+    out.largest_field[:, left] = np.maximum(out.largest_field[:, left], np.where(kept, fields, 0.0))
     out.turns.append(Turn(left, before, rests.states, rested, lost))
 
 

@@ -5,6 +5,7 @@ Which number of the device each axis of the sweep moves is found out by trying: 
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
@@ -107,13 +108,12 @@ class Rule:
         # The arrays of a device have one row for each balloon.
         made = filled((device, moves), iter(found))
         full = np.broadcast_to
-        changed = {
+        changed: Any = {
             name: np.array(full(np.atleast_2d(getattr(made[0], name).reshape(len(device.names), -1)),
                                 (len(device.names), count)))
             for name in ("radius", "thickness", "modulus", "permittivity")
         }  # fmt: skip
-        kept = {f.name: getattr(made[0], f.name) for f in fields(Device) if f.name not in changed}
-        return Device(**kept, **changed), made[1]
+        return dataclasses.replace(made[0], **changed), made[1]
 
 
 def rule(job: Job, base: Sequence[Value], ranges: Sequence[tuple[float, float] | None]) -> Rule:

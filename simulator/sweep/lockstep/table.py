@@ -56,7 +56,7 @@ def columns_of(job: Job, played: Played) -> dict[str, list[Any]]:
         found[f"largest_stretch_{name}"] = played.largest[i]
         found[f"residual_stretch_{name}"] = played.stretch[i] + nothing
     for name, i in zip(electroded, played.device.electroded, strict=True):
-        found[f"largest_field_{name}"] = played.field[i]
+        found[f"largest_field_{name}"] = played.largest_field[i]
     return {name: np.asarray(values).tolist() for name, values in found.items()}
 
 
