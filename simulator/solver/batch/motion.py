@@ -74,7 +74,7 @@ class Jacobian:
         count, f = len(self.q), self.rates
         along = (self.pull * f * f).sum(axis=0)
         if count == 1:
-            return np.full(f.shape[1], 1e9)  # on a line there is nothing off the trajectory
+            return np.zeros(f.shape[1])  # on a line there is nothing off the trajectory
         if count == 2:
             turned = self.q * f + self.u * (self.w * f).sum(axis=0)
             own = (self.pull * f * turned).sum(axis=0) / along
