@@ -133,6 +133,22 @@ def test_any_number_of_balloons(count):
     both_ways(sampled(scenario, vary), least=0.8)
 
 
+@pytest.mark.parametrize("radius", [0.99, 0.9999, 0.999999])
+def test_almost_equal_balloons_part_the_right_way(radius):
+    # An imperfection tells which of two balloons, both driven, grows; a coarse step takes the other.
+    balloons = [
+        {**b, "electrodes": True, "radius": r} for b, r in zip(PAIR["balloon"], (radius, 1.0), strict=True)
+    ]
+    vary = {"gas.ambient_pressure": (0.02, 1.0), "step.1.inflate": (0.5, 1.2)}
+    both_ways(sampled({**PAIR, "balloon": balloons}, vary), least=0.8)
+
+
+def test_equal_balloons_are_left_to_simulate():
+    balloons = [{**b, "electrodes": True} for b in PAIR["balloon"]]
+    vary = {"gas.ambient_pressure": (0.02, 1.0), "step.1.inflate": (0.5, 1.2)}
+    both_ways(sampled({**PAIR, "balloon": balloons}, vary), least=0.0)
+
+
 def test_where_a_cruder_method_went_wrong():
     # At the limit points of these three a tension is almost lost, or another branch is close.
     devices = np.array([

@@ -69,6 +69,28 @@ class Jacobian:
 
         return solve
 
+    def softest(self) -> FloatArray:
+        """The smallest eigenvalue, (n_runs,): below zero, what is off the trajectory grows."""
+        if len(self.q) == 1:
+            return np.asarray(self.q[0] + self.u[0] * self.w[0])
+        if len(self.q) == 2:
+            (a, b), (s, t) = self.q, self.u * self.w
+            half = 0.5 * (a + s - b - t)
+            return np.asarray(0.5 * (a + s + b + t) - np.sqrt(np.maximum(half * half + s * t, 0.0)))
+        matrices = self._symmetric()
+        values = np.full(len(matrices), np.nan)
+        good = np.isfinite(matrices).all(axis=(1, 2))
+        values[good] = np.linalg.eigvalsh(matrices[good])[:, 0]
+        return values
+
+    def _symmetric(self) -> FloatArray:
+        """The Jacobian in the weights in which it is symmetric, (n_runs, n_balloons, n_balloons)."""
+        arms = np.sqrt(np.maximum(self.u * self.w, 0.0))
+        matrices = arms.T[:, :, None] * arms.T[:, None, :]
+        index = np.arange(len(self.q))
+        matrices[:, index, index] += self.q.T
+        return np.asarray(matrices)
+
     def forgets(self) -> FloatArray:
         """The slowest rate at which what is off the trajectory decays, (n_runs,)."""
         count, f = len(self.q), self.rates
@@ -81,10 +103,7 @@ class Jacobian:
             return np.asarray((self.q + self.u * self.w).sum(axis=0) - own)
         # In the weights in which the Jacobian is symmetric, projected across the flow.
         root = np.sqrt(self.pull)
-        arms = np.sqrt(np.maximum(self.u * self.w, 0.0))
-        matrices = arms.T[:, :, None] * arms.T[:, None, :]
-        index = np.arange(count)
-        matrices[:, index, index] += self.q.T
+        matrices = self._symmetric()
         across = (
             np.eye(count) - (root * f / np.sqrt(along)).T[:, :, None] * (root * f / np.sqrt(along)).T[:, None]
         )
