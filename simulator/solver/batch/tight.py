@@ -173,8 +173,8 @@ def ends(batch: Stacked, v: FloatArray, index: Index, trail: Trail, *, exact: bo
         nothing = np.zeros(known.index.size)
         front = _Front(
             some, known.index, x, v[known.index], np.minimum(0.02 / speed, 0.5 / flow.forgets()), nothing,
-            nothing, nothing, np.logical_and(first, exact or batch.count == 1),
-            (margins_at(some, y) > 0.0).all(axis=0),
+            nothing, nothing, first & (exact or batch.count == 1),
+            np.asarray((margins_at(some, y) > 0.0).all(axis=0)),
         )  # fmt: skip
         passing: list[_Passing] = []
         for step in range(_MOST_STEPS):
