@@ -5,8 +5,19 @@ executor, `load_sweep` gives the results as arrays or a table. See `docs/sweep.m
 """
 
 from simulator.sweep.loading import load_sweep, load_table
+from simulator.sweep.lockstep.many import ManyRuns, simulate_many
 from simulator.sweep.plan import Sweep
 from simulator.sweep.reading import read_sweep
 from simulator.sweep.running import ExecutorError, SweepResult, run_sweep
 
-__all__ = ["ExecutorError", "Sweep", "SweepResult", "load_sweep", "load_table", "read_sweep", "run_sweep"]
+__all__ = [
+    "ExecutorError",
+    "ManyRuns",
+    "Sweep",
+    "SweepResult",
+    "load_sweep",
+    "load_table",
+    "read_sweep",
+    "run_sweep",
+    "simulate_many",
+]

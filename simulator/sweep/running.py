@@ -29,8 +29,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from simulator.scenario import Problem, ScenarioError
+from simulator.sweep.lockstep.chunk import DisagreementError
+from simulator.sweep.lockstep.stacking import covered
 from simulator.sweep.rows import Task, as_text, columns, failure, play_chunk
-from simulator.sweep.storage import Store, alone, fair_chunk, open_store
+from simulator.sweep.storage import Store, alone, fair_chunk, large_chunk, open_store
 
 if TYPE_CHECKING:
     from simulator.sweep.plan import Job, Sweep
@@ -104,11 +106,11 @@ def run_sweep(
     ScenarioError
         If the directory holds another sweep than this, or a table changes while it is played.
     ExecutorError
-        If the executor fails. Chunks written before stay.
+        If the executor fails, or a run played both ways comes out differently. Chunks written before stay.
     """
     started = time.perf_counter()
     count = workers or usable_cores()
-    size = chunk or fair_chunk(sweep.size, count)
+    size = chunk or (large_chunk if covered(sweep) else fair_chunk)(sweep.size, count)
     store = open_store(sweep, Path(directory), resume=resume, chunk=size)
     with alone(store.directory):
         ready = store.done()
@@ -176,6 +178,8 @@ class _Campaign:
                         self.progress(there, self.sweep.size)
                 elif is_death(error):
                     broken = True
+                elif isinstance(error, DisagreementError):
+                    raise ExecutorError(str(error)) from error
                 else:
                     raise _executor_error(error)
             if broken:
@@ -193,7 +197,8 @@ class _Campaign:
 
     def _task(self, number: int) -> Task:
         start, stop = self.store.bounds(number)
-        return Task(number, start, tuple(self.sweep.values(start, stop)))
+        audited = tuple(run - start for run in self.sweep.audited if start <= run < stop)
+        return Task(number, start, tuple(self.sweep.values(start, stop)), audited)
 
     def _after_a_death(self, again: deque[Task]) -> int:
         """Hand out again what was under way; what saw too many deaths is played run by run. Rows written."""
