@@ -9,7 +9,7 @@ import pytest
 
 from simulator import load_scenario
 from simulator.scenario import ScenarioError
-from simulator.scenario.keys import with_values
+from simulator.scenario.mapping import with_values
 from simulator.sweep import load_table, read_sweep, run_sweep, simulate_many
 from simulator.sweep.lockstep import chunk
 from simulator.sweep.lockstep.chunk import DisagreementError

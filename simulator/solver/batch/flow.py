@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.events import EventKind
-from simulator.model.contents import Liquid
 from simulator.model.equations import SealedBalloons
+from simulator.model.liquid import Liquid
 from simulator.solver.batch import tight
 from simulator.solver.batch.bordered import Bordered, softest
 from simulator.solver.batch.events import at_drive

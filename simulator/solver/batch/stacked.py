@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from simulator.events import EventKind
 from simulator.model.conditions import ENDLESS, intactness
+from simulator.model.drive import AffineDrive
 from simulator.model.elastomers import ArrudaBoyce, Gent, largest_stretch
 from simulator.model.equations import OpenBalloon, SealedBalloons, State
-from simulator.model.membranes import AnyMembrane, ChargedMembrane, ElectrodedMembrane
+from simulator.model.membranes import AnyMembrane, ElectrodedMembrane
 from simulator.model.strength import Strength
 
 FloatArray = NDArray[np.float64]
@@ -111,7 +112,7 @@ class Stacked:
         equations = self.equations
         found = [Margin(EventKind.LOSS_OF_TENSION, lambda y: y[-2])] if self.sealed else []
         for place, (membrane, strength) in enumerate(zip(self.membranes, self.strengths, strict=True)):
-            if strength is not None and isinstance(membrane, ElectrodedMembrane | ChargedMembrane):
+            if strength is not None and isinstance(membrane, ElectrodedMembrane):
                 found.append(Margin(EventKind.BREAKDOWN, intactness(membrane, place, strength).margin))
         for place, wall in enumerate(equations.walls):
             if isinstance(wall.elastomer, Gent | ArrudaBoyce):
@@ -129,9 +130,9 @@ class Stacked:
         last: Any = softest if isinstance(equations, OpenBalloon) and equations.pressure_rate else None
         if last is None:
             sizes = [
-                np.sqrt(2.0 / m.electric_load) / np.where(m.rate == 0.0, 1e-300, np.abs(m.rate))
+                np.sqrt(2.0 / m.electric_load) / np.where(drive.rate == 0.0, 1e-300, np.abs(drive.rate))
                 for m in self.membranes
-                if isinstance(m, ElectrodedMembrane | ChargedMembrane)
+                if isinstance(m, ElectrodedMembrane) and isinstance(drive := m.drive, AffineDrive)
             ]
             last = np.min(np.stack(np.broadcast_arrays(*sizes)), axis=0) if sizes else 1.0
             last = np.where(last > 1e200, 1.0, last)

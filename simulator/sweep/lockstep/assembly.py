@@ -7,19 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.model.contents import (
-    Adiabat,
-    Adiabatic,
-    Contents,
-    IdealGas,
-    Incompressible,
-    Isotherm,
-    Isothermal,
-    Liquid,
-    SealedGas,
-)
+from simulator.model.contents import Contents, Gas, IdealGas, Incompressible, SealedGas
 from simulator.model.device import Device
+from simulator.model.drive import AffineDrive
 from simulator.model.equations import OpenBalloon, SealedBalloons
+from simulator.model.expansion import Isotherm
+from simulator.model.liquid import Liquid
 from simulator.model.membranes import ElectrodedMembrane, Membrane
 from simulator.model.strength import Strength
 from simulator.solver.batch.stacked import Stacked
@@ -29,8 +22,7 @@ FloatArray = NDArray[np.float64]
 
 def wall(device: Device, i: int) -> Membrane:
     """A balloon's wall without a voltage."""
-    r, h, k = device.radius[i], device.thickness[i], device.modulus[i]
-    return Membrane(device.elastomers[i], r / (h * k), k, r * r * h * k, r**3)
+    return Membrane.of(device.elastomers[i], device.radius[i], device.thickness[i], device.modulus[i])
 
 
 def membrane(device: Device, i: int, offset: FloatArray, rate: FloatArray) -> Membrane | ElectrodedMembrane:
@@ -42,9 +34,8 @@ def membrane(device: Device, i: int, offset: FloatArray, rate: FloatArray) -> Me
     if not offset[place].any() and not rate[place].any():
         return bare
     h, k, e = device.thickness[i], device.modulus[i], device.permittivity[i]
-    load, capacitance = 2.0 * e / (h * h * k), device.radius[i] ** 2 * e / h
-    moving: Any = (offset[place], rate[place])
-    return ElectrodedMembrane(bare, load, capacitance, h, *moving)
+    given: Any = offset[place], rate[place]
+    return ElectrodedMembrane.of(bare, device.radius[i], h, k, e, AffineDrive(*given))
 
 
 def strength(device: Device, i: int) -> Strength | None:
@@ -74,9 +65,7 @@ def contents(device: Device, stretch: FloatArray, pressure: FloatArray) -> Conte
     law = device.law
     if isinstance(law, Incompressible):
         return Liquid(swelling)
-    if isinstance(law, Isothermal):
-        if np.any(law.chamber != 0.0):
-            return SealedGas(pressure, swelling, law.ambient, law.chamber, Isotherm())
-        return IdealGas(law.amount(pressure, swelling), law.ambient)
-    assert isinstance(law, Adiabatic)
-    return SealedGas(pressure, swelling, law.ambient, law.chamber, Adiabat(law.exponent))
+    assert isinstance(law, Gas)
+    if np.any(law.chamber != 0.0) or not isinstance(law.expansion, Isotherm):
+        return SealedGas(pressure, swelling, law.ambient, law.chamber, law.expansion)
+    return IdealGas(law.amount(pressure, swelling), law.ambient)

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from simulator import __version__
 from simulator.scenario import Problem, Scenario, ScenarioError
-from simulator.scenario.keys import all_keys, near
+from simulator.scenario.keys import all_keys
+from simulator.scenario.mapping import near
 from simulator.sweep.lockstep import chunk
 from simulator.sweep.plan import Axis, Job, Recorded
 from simulator.sweep.rows import columns, play

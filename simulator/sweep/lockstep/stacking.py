@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from simulator.model.device import Device
 from simulator.model.elastomers import ArrudaBoyce, Gent, MooneyRivlin, NeoHookean, Ogden
 from simulator.scenario import ScenarioError, load_scenario
-from simulator.scenario.keys import with_values
+from simulator.scenario.mapping import with_values
 from simulator.sweep.lockstep.programme import Move, NotCovered, programme
 from simulator.sweep.plan import Axis, Job, Sweep, Value
 

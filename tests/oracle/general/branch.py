@@ -196,7 +196,9 @@ class Side:
                 continue
             for i in range(4):
                 if column[i] >= 0.0 > column[i + 1]:
-                    found.append((_root(lambda s: self._value(piece, name, s), shares[i], shares[i + 1]), name))
+                    found.append(
+                        (_root(lambda s: self._value(piece, name, s), shares[i], shares[i + 1]), name)
+                    )
                     break
             else:
                 if column[0] < 0.0:
@@ -233,9 +235,7 @@ class Side:
         """Margins that come near zero between samples without an event are doubts, or were events unseen."""
         shares = (0.0, *INSIDE, 1.0)
         rows = list(margins)
-        pieces: list[tuple[Piece, float, float]] = [
-            (piece, shares[i], shares[i + 1]) for i in range(4)
-        ]
+        pieces: list[tuple[Piece, float, float]] = [(piece, shares[i], shares[i + 1]) for i in range(4)]
         if self.last is not None:
             rows.insert(0, self.margins[0])
             pieces.insert(0, (self.last, INSIDE[-1], 1.0))
@@ -284,11 +284,12 @@ class Side:
             kind = "limit_point" if push > 1e-8 else "branch_point"
             if 1e-10 < push < 1e-5:
                 doubt = f"a fold or a branch point, {push:.2g}"
-        others = [self.eq.margin(n, y.tolist()) for n in self.eq.margin_names() if n != name and n[0] != "singular"]
+        others = [
+            self.eq.margin(n, y.tolist()) for n in self.eq.margin_names() if n != name and n[0] != "singular"
+        ]
         if min(others, default=1.0) < -CLOSE:
             raise PathError(f"{kind} beyond another event")
         return End(kind, balloon, y, mode, doubt)
-
 
     def _symmetric(self, guess: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """The singular state near `guess` in which balloons that are alike are stretched alike, if there is one.

@@ -201,7 +201,9 @@ def _followed(motion: Motion, start: FloatArray, method: Any, rtol: float, off: 
             record.pieces.append(dense)
         record.speeds.append(_size(motion.rates(solver.y.tolist())))
         record.distances.append(float(np.max(np.abs(solver.y / start - 1.0))))
-        if names and np.any(record.margins[-1] < 0.0) or any(np.any(m < 0.0) for m in record.margins[-3:-1]):
+        if (names and np.any(record.margins[-1] < 0.0)) or any(
+            np.any(m < 0.0) for m in record.margins[-3:-1]
+        ):
             return _ended(motion, names, record, margins, off)
         landed = _landing(motion, solver.y, record.speeds[-1])
         if landed is not None:
@@ -281,7 +283,9 @@ def _ended(
             if record.margins[i][place] <= 0.0:
                 found.append((low, place, i))
             else:
-                t = brentq(lambda t, i=i, p=place: margins(_at(record, i, t))[p], low, high, xtol=1e-300, rtol=1e-14)
+                t = brentq(
+                    lambda t, i=i, p=place: margins(_at(record, i, t))[p], low, high, xtol=1e-300, rtol=1e-14
+                )
                 found.append((float(t), place, i))
             break
     found.sort()
@@ -357,7 +361,9 @@ def release(eq: Equations, y: FloatArray) -> Rest:
     doubt = "several directions are unstable" if growth.size > 1 and growth[1] > 0.0 else None
     if growth[0] < 1e-7:
         doubt = "a state is only just unstable"
-    ways = [relax(eq, float(y[-1]), beside(eq, y, side * directions[:, 0]), y, off=10.0 * OFF) for side in SIDES]
+    ways = [
+        relax(eq, float(y[-1]), beside(eq, y, side * directions[:, 0]), y, off=10.0 * OFF) for side in SIDES
+    ]
     best, other = sorted(ways, key=lambda rest: -rest.lost)
     if not math.isinf(best.lost) and best.lost - other.lost < 1e-6 * (1.0 + abs(best.lost)):
         doubt = doubt or "both ways from an unstable state lower the potential equally"

@@ -236,7 +236,11 @@ class _Player:
         """Times of the samples that the scenario asks for in what was played."""
         lasts = self.time - start
         if self.scenario.every is None:
-            return start + lasts * np.linspace(0.0, 1.0, self.scenario.points) if step.lasts else np.array([start])
+            return (
+                start + lasts * np.linspace(0.0, 1.0, self.scenario.points)
+                if step.lasts
+                else np.array([start])
+            )
         count = math.floor(lasts / self.scenario.every * (1.0 + 1e-12))
         times = np.minimum(np.arange(count + 1) * self.scenario.every, lasts)
         return start + (times if times[-1] > lasts * (1.0 - 1e-9) else np.append(times, lasts))
@@ -355,7 +359,9 @@ class _Player:
         rest = flow.relax(eq, 0.0, start, y, off=10.0 * flow.OFF)
         if rest.kind is not None:
             doubts.append("several balloons are let go and one of them ends the history")
-        return Rest(rest.kind, rest.balloon, rest.y, rest.lost, next(filter(None, [rest.doubt, *doubts]), None))
+        return Rest(
+            rest.kind, rest.balloon, rest.y, rest.lost, next(filter(None, [rest.doubt, *doubts]), None)
+        )
 
     # -- what moves ------------------------------------------------------------------------------------
 
@@ -520,7 +526,9 @@ class _Player:
             if key not in self.exits:
                 at_fold = end.kind == "limit_point"
                 self.exits[key] = (
-                    (flow.snap(eq, end.y, end.mode, sense), None) if at_fold else past_branch_point(eq, end, sense)
+                    (flow.snap(eq, end.y, end.mode, sense), None)
+                    if at_fold
+                    else past_branch_point(eq, end, sense)
                 )
             rest, branch = self.exits[key]
             rests.append((eq, end.y, rest))

@@ -47,7 +47,9 @@ def past_branch_point(eq: Equations, end: End, sense: float) -> tuple[Rest, Bran
 def _ahead(eq: Equations, y: FloatArray, mode: FloatArray, sense: float) -> Branch | None:
     """The branch that goes straight on without parting, if it is stable there."""
     scales = eq.scales(y)
-    matrix = np.vstack([eq.jacobian(y.tolist()) * scales, [*(mode * scales[: eq.size]), *[0.0] * (y.size - eq.size)]])
+    matrix = np.vstack(
+        [eq.jacobian(y.tolist()) * scales, [*(mode * scales[: eq.size]), *[0.0] * (y.size - eq.size)]]
+    )
     matrix = np.vstack([matrix, [0.0] * (y.size - 1) + [1.0]])
     rhs = np.zeros(len(matrix))
     rhs[-1] = sense

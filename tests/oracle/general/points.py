@@ -144,9 +144,7 @@ def singular(eq: Equations, guess: FloatArray) -> tuple[FloatArray, FloatArray] 
         rows = 1.0 / np.maximum(np.max(np.abs(hessian), axis=1), 1e-300)
         pull = (hessian @ w + (s * areas if liquid else 0.0)) * rows
 
-        def moved(
-            u: Sequence[Any], w: FloatArray = w, s: float = s, rows: FloatArray = rows
-        ) -> NDArray[Any]:
+        def moved(u: Sequence[Any], w: FloatArray = w, s: float = s, rows: FloatArray = rows) -> NDArray[Any]:
             return np.asarray((eq.hessian(u) @ w + (s * eq.areas(u) if liquid else 0.0)) * rows)
 
         matrix = np.zeros((m - 1 + n + 1 + liquid, scales.size))
