@@ -10,10 +10,10 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -241,12 +241,9 @@ def write_run(
     """
     tables = {"history.csv": history_columns(history), "events.csv": event_columns(history)}
     text = json.dumps(run_record(history, failure), indent=2, ensure_ascii=False, allow_nan=False)
-    writers: dict[str, Callable[[BinaryIO], object]] = {
-        name: partial(write_csv, columns) for name, columns in tables.items()
-    }
+    writers = {name: partial(write_csv, columns) for name, columns in tables.items()}
     # run.json goes last: a reader who sees it sees the tables it belongs to.
-    writers["run.json"] = lambda stream: stream.write(f"{text}\n".encode())
-    return write_files(directory, writers)
+    return write_files(directory, {**writers, "run.json": f"{text}\n".encode()})
 
 
 def write_curves(curves: Sequence[Curve], directory: str | os.PathLike[str]) -> list[Path]:
