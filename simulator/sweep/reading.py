@@ -145,6 +145,7 @@ def read_sweep(source: str | os.PathLike[str] | Mapping[str, Any], *, file: str 
             data = read_toml(file)
         except ValueError as error:
             raise ScenarioError(file, Problem("", None, str(error))) from None
+    _refuse_other_kinds(file, data)
     try:
         read = SweepFile.model_validate(data)
     except ValidationError as error:
@@ -158,6 +159,20 @@ def read_sweep(source: str | os.PathLike[str] | Mapping[str, Any], *, file: str 
     if problems:
         raise ScenarioError(file, *problems)
     return _sweep(file, read, scenario, axes)
+
+
+def _refuse_other_kinds(file: str, data: Mapping[str, Any]) -> None:
+    """Raise ScenarioError for a file that is a scenario or asks for an optimum."""
+    kinds = {
+        "gas": ("a scenario", "run"),
+        "balloon": ("a scenario", "run"),
+        "maximize": ("an optimum", "optimize"),
+        "minimize": ("an optimum", "optimize"),
+    }
+    for key, (kind, command) in kinds.items():
+        if key in data:
+            allowed = f"belongs to {kind}, not to a sweep; {kind} is played with `balloons {command}`"
+            raise ScenarioError(file, Problem(key, None, allowed))
 
 
 def _sweep(file: str, read: SweepFile, scenario: Scenario, axes: tuple[Axis, ...]) -> Sweep:
@@ -276,9 +291,11 @@ def _refused_value(
         except KeyError:
             return None, f"no such key in the scenario, {near(axis.key, known)}"
         except ScenarioError as error:
-            if error.allowed.startswith("unknown key"):
+            same_name = error.key.rpartition(".")[2] == axis.key.rpartition(".")[2]
+            own = same_name or f"{axis.key}.".startswith(f"{error.key}.")
+            if own and error.allowed.startswith("unknown key"):
                 return None, f"no such key in the scenario, {near(axis.key, known)}"
-            where = "" if error.key.endswith(axis.key.rpartition(".")[2]) else f"makes {error.key} wrong: "
+            where = "" if own else f"makes {error.key} wrong: "
             return axis.written(value), f"{where}{error.allowed}"
     return None
 
