@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.events import EventKind
-from simulator.model.elastomers import NeoHookean, Number, tension_force, tension_stiffness
-from simulator.model.equations import State
+from simulator.model.conditions import stability_in_motion
+from simulator.model.elastomers import NeoHookean, tension_force, tension_stiffness
 from simulator.model.groups import Group
 from simulator.solver.ida import Course, Effort, IntegrationError, System, integrate
 
@@ -312,23 +312,7 @@ class Flow:
             for condition in group.conditions:
                 stability = condition.kind == EventKind.LIMIT_POINT
                 kinds.append(condition.kind)
-                margins.append(watched(group, _stability(group) if stability else condition.margin))
+                margins.append(
+                    watched(group, stability_in_motion(group.equations) if stability else condition.margin)
+                )
         return kinds, margins
-
-
-def _stability(group: Group) -> Callable[[State], Number]:
-    """Smallest eigenvalue of the scaled Hessian S of Π in a state in which the forces R do not vanish.
-
-    There ∂R/∂λ is not all of it: of R = D g/k, S has D g′/k = ∂R/∂λ − R D′/D on its diagonal.
-    """
-    equations = group.equations
-
-    def margin(y: State) -> Number:
-        slopes, squares = equations.stiffness(y)
-        diagonal = [
-            slope - force * wall.elastomer.pole_form_slope(x)[1] / wall.elastomer.pole_form(x)[1]
-            for slope, force, wall, x in zip(slopes, equations.residual(y), equations.walls, y, strict=False)
-        ]
-        return equations.spectrum.eigenvalue(diagonal, squares, 0)
-
-    return margin
