@@ -21,14 +21,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from simulator.results.columns import event_columns, history_columns
 from simulator.results.csv_text import rows_of_text
 from simulator.results.files import OutputError, check_writable, write_files
 from simulator.results.history import Outcome
 from simulator.results.tables import (
     RUN_FILES,
-    event_columns,
     events_table,
-    history_columns,
     history_table,
     write_run,
 )

@@ -179,19 +179,30 @@ class Optimum:
         )
 
 
-def read_question(source: str | os.PathLike[str] | Mapping[str, Any]) -> Question:
+QuestionLike = Question | str | os.PathLike[str] | Mapping[str, Any]
+"""A question, or what `read_question` makes one of."""
+
+
+def read_question(source: QuestionLike) -> Question:
     """Read and check what is to be optimised.
 
     Parameters
     ----------
-    source : path or mapping
-        A TOML file, or its content as a mapping; paths in it as for `read_sweep`.
+    source : path, mapping or Question
+        A TOML file, or its content as a mapping; paths in it as for `read_sweep`. A question is returned as
+        it is.
+
+    Returns
+    -------
+    Question
 
     Raises
     ------
     ScenarioError
         With every problem found: file, key, value and what is allowed.
     """
+    if isinstance(source, Question):
+        return source
     if isinstance(source, Mapping):
         file, data = "<dict>", dict(source)
     else:
@@ -248,7 +259,7 @@ def _wrong_condition(
             yield Problem(f"where.{name}", word, f"must be one of {', '.join(_WORDS[name])}")
 
 
-def optimize(question: Question, *, progress: Callable[[int], None] | None = None) -> Optimum:
+def optimize(question: QuestionLike, *, progress: Callable[[int], None] | None = None) -> Optimum:
     """Find the run that makes a column largest or smallest under the conditions.
 
     By `scipy.optimize.differential_evolution` over the intervals: a search of the whole box that needs no
@@ -256,11 +267,33 @@ def optimize(question: Question, *, progress: Callable[[int], None] | None = Non
 
     Parameters
     ----------
-    question : Question
-        From `read_question`.
+    question : Question, path or mapping
+        From `read_question`, or what that takes.
     progress : callable, optional
         Called with the number of runs played, after each.
+
+    Returns
+    -------
+    Optimum
+
+    Raises
+    ------
+    ScenarioError
+        If the question makes no sense.
+
+    Examples
+    --------
+    >>> found = optimize({
+    ...     "scenario": "scenarios/fig3c_state_b.toml",
+    ...     "maximize": "dissipated",
+    ...     "where": {"outcome": "completed"},
+    ...     "vary": {"gas.ambient_pressure": {"from": 0.0, "to": 0.03}},
+    ...     "search": {"population": 4, "generations": 2},
+    ... })
+    >>> found.row["outcome"], len(found.runs) > 4
+    ('completed', True)
     """
+    question = read_question(question)
     from scipy.optimize import NonlinearConstraint, differential_evolution
 
     runs = _Runs(question, progress)

@@ -116,23 +116,42 @@ class SweepFile(Frozen):
     )
 
 
-def read_sweep(source: str | os.PathLike[str] | Mapping[str, Any], *, file: str | None = None) -> Sweep:
+SweepLike = Sweep | str | os.PathLike[str] | Mapping[str, Any]
+"""A sweep, or what `read_sweep` makes one of."""
+
+
+def read_sweep(source: SweepLike, *, file: str | None = None) -> Sweep:
     """Read and check a sweep, with its base scenario.
 
     Parameters
     ----------
-    source : path or mapping
+    source : path, mapping or Sweep
         A TOML file, or its content as a mapping. The path of the scenario is relative to the folder of
         the file, for a mapping to the current directory; in a mapping, `scenario` may be a scenario's
-        mapping itself.
+        mapping itself. A sweep is returned as it is.
     file : str, optional
         Of a mapping: the file it was read from, for messages and for the path of the scenario.
+
+    Returns
+    -------
+    Sweep
 
     Raises
     ------
     ScenarioError
         With every problem found: file, key, value and what is allowed.
+
+    Examples
+    --------
+    >>> sweep = read_sweep({
+    ...     "scenario": "scenarios/fig3c_state_b.toml",
+    ...     "vary": {"gas.ambient_pressure": [0.015, 0.05, 0.2], "balloon.active.radius": [0.8, 1.0]},
+    ... })
+    >>> sweep.shape, sweep.size
+    ((3, 2), 6)
     """
+    if isinstance(source, Sweep):
+        return source
     base: Mapping[str, Any] | None = None
     if isinstance(source, Mapping):
         folder, data = os.path.dirname(file) if file else "", dict(source)
