@@ -28,6 +28,22 @@ if TYPE_CHECKING:
 
 _AT_REST = 1e-6  # stretches closer than this are the same state of rest
 
+_ENDS = (Outcome.LOSS_OF_TENSION, Outcome.BREAKDOWN, Outcome.RUNAWAY, Outcome.OUT_OF_RANGE)
+
+OUTCOMES = (*(outcome.value for outcome in Outcome), "refused")
+"""What the column `outcome` may say: how a history ended, or "refused" where the scenario makes no sense."""
+
+BEHAVIOURS = (
+    "continuous",
+    "snap",
+    "snap_returns",
+    "snap_stays",
+    *(f"{before}{end.value}" for end in _ENDS for before in ("", "snap_to_", "snap_then_")),
+    "refused",
+    "failed",
+)
+"""What the column `behaviour` may say; see `behaviour`."""
+
 SENSITIVITY = "d(limit_point_1_{of})/d({key})"
 
 

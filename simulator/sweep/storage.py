@@ -91,7 +91,7 @@ class Store:
     def write(self, number: int, text: str) -> None:
         """Write a chunk. Raises OutputError; what was there before is then still there."""
         content = text.encode(errors="replace")
-        write_files(self.directory / CHUNKS, {_name(number): lambda stream: stream.write(content)})
+        write_files(self.directory / CHUNKS, {_name(number): content})
 
     def texts(self) -> Iterator[bytes]:
         """The chunks that are there, in order."""
@@ -161,7 +161,7 @@ def open_store(sweep: Sweep, directory: Path, *, resume: bool, chunk: int) -> St
         "definition": sweep.definition,
     }
     text = json.dumps(content, indent=1, ensure_ascii=False)
-    write_files(directory, {RECORD: lambda stream: stream.write(f"{text}\n".encode())})
+    write_files(directory, {RECORD: f"{text}\n".encode()})
     return store
 
 
