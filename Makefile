@@ -16,7 +16,7 @@ WORKERS ?= 2
 # Further options of a study or of the benchmarks: `make accuracy OPTIONS="--repeat 1 --out results"`.
 OPTIONS ?=
 
-.PHONY: help venv demo test format check coverage lowest pythons bench fuzz accuracy stress paper figures
+.PHONY: help venv demo test format check coverage lowest pythons bench fuzz fuzz-whole accuracy stress paper figures
 
 help:
 	@echo "make demo      run scenarios/$(DEMO).toml, write its CSV files and its picture"
@@ -28,6 +28,7 @@ help:
 	@echo "make pythons   run the tests on every supported Python of this machine"
 	@echo "make bench     measure the speed against SciPy"
 	@echo "make fuzz      play N=$(N) random scenarios of SEED=$(SEED) against the closed form; $(REPORT)"
+	@echo "make fuzz-whole  play N=$(N) random scenarios of the whole grammar against independent references"
 	@echo "make accuracy  measure error against run time; docs/accuracy.md"
 	@echo "make stress    play stiff and extreme scenarios, and runs made to go wrong; docs/stability.md"
 	@echo "make paper     compare with every number of the paper; docs/paper.md"
@@ -68,6 +69,9 @@ bench: $(INSTALLED)
 
 fuzz: $(INSTALLED)
 	$(BIN)/python -m tests.fuzz $(N) --seed $(SEED) --keep results/fuzz --report $(REPORT)
+
+fuzz-whole: $(INSTALLED)
+	$(BIN)/python -m tests.fuzz.whole $(N) --seed $(SEED) --keep results/fuzz-whole
 
 accuracy stress paper figures: $(INSTALLED)
 	$(BIN)/python -m tests.studies.$@ $(OPTIONS)
