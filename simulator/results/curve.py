@@ -1,6 +1,6 @@
 """The immutable result of a trace: an equilibrium path as points in order, and its special points.
 
-Like `history`, nothing is computed here, and tables, files and pictures are doors.
+As in `history`, nothing is computed here; tables and pictures are imported when they are asked for.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Kinds of fields, and how a broken one is told: messages are made from the fields' own descriptions."""
+"""Kinds of fields, and what a wrong one is reported as: messages come from the fields' own descriptions."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def absolute(path: str, info: ValidationInfo) -> str:
 
 @dataclass(frozen=True)
 class Chosen:
-    """Marks a union whose branch `function` chooses, so that only errors of that branch are told."""
+    """Marks a union whose branch `function` chooses, so that only errors of that branch are reported."""
 
     function: Callable[[Any, ValidationInfo], Any]
 
@@ -149,7 +149,7 @@ def by_name(kind: Any) -> Callable[[Any, ValidationInfo], float | dict[str, floa
 
 
 class Frozen(BaseModel):
-    """A table of the file; its problems are told in the words of the file."""
+    """A table of the file; its problems are reported in the words of the file."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
