@@ -86,6 +86,25 @@ def test_voltages_switched_off_one_after_the_other_are_off():
     assert np.all(history.voltage[history.step == 4][-1] == 0.0)
 
 
+def test_equal_balloons_whose_voltage_jumps_part_as_nearly_equal_ones_do() -> None:
+    """Moving alike, they come to rest where they would rather part."""
+    history = played("equal-pair-jump")
+    scenario = load_scenario(CASES / "equal-pair-jump.toml").to_dict()
+    scenario["balloon"][0]["radius"] = 1.0 + 1e-6
+    nearly = simulate(load_scenario(scenario))
+    for found in (history, nearly):
+        assert found.outcome is Outcome.LOSS_OF_TENSION
+        assert found.stretch[-1] == pytest.approx([1.68299, 1.11319], abs=2e-5)
+
+
+@pytest.mark.parametrize("rtol", [None, 1e-7, 1e-9])
+def test_which_of_three_equal_balloons_grows_does_not_depend_on_the_tolerance(rtol: float | None) -> None:
+    scenario = load_scenario(CASES / "equal-three-released.toml").to_dict()
+    history = simulate(load_scenario(scenario | ({"solver": {"rtol": rtol}} if rtol else {})))
+    jump = history.events[0]
+    assert jump.stretch_after == pytest.approx([1.58302173, 1.22775761, 1.22775761], abs=1e-7)
+
+
 # -- real time -----------------------------------------------------------------------------------------------
 
 

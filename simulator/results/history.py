@@ -1,7 +1,7 @@
 """The immutable result of a run: samples, events and how it ended.
 
-Nothing is computed here. `to_dataframe`, `to_csv` and `plot` import what they need (`tables`, `plot`) when they
-are called, so that a run which needs no table loads no pandas.
+Nothing is computed here. `to_dataframe`, `to_csv` and `plot` import what they need (`tables`, `plot`) when
+they are called, so that a run which needs no table loads no pandas.
 All quantities are dimensionless, see `docs/physics.md`.
 """
 

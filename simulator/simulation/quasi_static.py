@@ -19,7 +19,7 @@ from simulator.simulation.playback import Playback, record_exits
 from simulator.simulation.present import unknowns_of
 from simulator.simulation.recorder import sample_fractions
 from simulator.solver.flow import Rest
-from simulator.solver.singular import softest_change
+from simulator.solver.singular import parting_direction
 
 if TYPE_CHECKING:
     from simulator.scenario import PlayedStep, Scenario
@@ -103,7 +103,7 @@ class QuasiStatic:
         """How a group leaves an equilibrium that is not stable: the way on which the potential falls more."""
         state, equations = self.record.present.unknowns(group, v), group.equations
         nudge = np.zeros(state.size)
-        nudge[: len(group.members)] = _OFF * softest_change(equations, state)
+        nudge[: len(group.members)] = _OFF * parting_direction(equations, state)
         one, other = (
             self.atlas.settle(
                 group, np.array(equations.admitted((state + sign * nudge).tolist())), state, tight=True

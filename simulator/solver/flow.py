@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from simulator.model.conditions import Condition, stability
 from simulator.model.elastomers import Number
 from simulator.model.equations import Equations, State
-from simulator.solver import ida, singular
+from simulator.solver import ida, newton, singular
 from simulator.solver.ida import Effort, IntegrationError
 from simulator.solver.landing import (
     NEAR,
@@ -207,7 +207,7 @@ def _flow(
     far = _FAR * float(np.max(start[:count]))
     closest = [math.inf] * len(conditions)
     state, near = np.array(equations.admitted(start.tolist())), NEAR
-    passed = False
+    passed = parted = False
     while True:
 
         def resting(y: State, near: float = near) -> float:
@@ -222,7 +222,14 @@ def _flow(
         if endless:
             margins.append(lambda y: far - max(y[i] for i in endless))
         if resting(state.tolist()) > 0.0:
-            states, ended = integrate(equations, margins, state, rtol, effort)
+            try:
+                states, ended = integrate(equations, margins, state, rtol, effort)
+            except IntegrationError as failure:
+                onward = None if parted else _off_saddle(equations, conditions, failure.state)
+                if onward is None:
+                    raise
+                state, parted = onward, True
+                continue
             _check_downhill(equations, states)
             closest = [
                 min(low, float(np.min(margin(states))))
@@ -258,6 +265,23 @@ def _check_downhill(equations: Equations, states: FloatArray) -> None:
     size = sum(wall.weight for wall in equations.walls)
     if np.any(np.diff(energy) > 1e-3 * np.ptp(energy) + 1e-12 * size):
         raise FlowError("the potential rises along the flow")
+
+
+def _off_saddle(
+    equations: Equations, conditions: Sequence[Condition], state: FloatArray
+) -> FloatArray | None:
+    """Where a state goes on that has come to rest where it is not stable; None where it has not.
+
+    Equal balloons that move alike come to rest where they would rather part: the first of them grows.
+    """
+    try:
+        saddle = newton.one_at_drive(equations, state)
+    except newton.NotConverged:
+        return None
+    near = np.max(np.abs(saddle - state) / equations.scales) < _GHOST
+    if not near or float(stability(equations).margin(saddle.tolist())) >= 0.0:
+        return None
+    return _off(equations, conditions, saddle, singular.parting_direction(equations, saddle), _FINE)
 
 
 def _past(

@@ -76,22 +76,15 @@ def escape_direction(equations: Equations, state: FloatArray, direction: float) 
     return np.asarray(change / np.linalg.norm(change))
 
 
-def softest_change(equations: Equations, state: FloatArray) -> FloatArray:
-    """The softest mode as a change of the stretches, unit length, (n_balloons,)."""
-    change = _compliance(equations, state) * softest_mode(equations, state)
-    return np.asarray(change / np.linalg.norm(change))
-
-
 def parting_direction(equations: Equations, state: FloatArray) -> FloatArray:
-    """How the stretches part at a branch point: of all soft modes, what lets the first balloon grow most.
+    """How stretches part where they are not stable: the softest mode in which the first balloon grows most.
 
-    With more than two equal balloons there are several soft modes, and the first balloon against all others
-    is the direction in which another branch leaves. Unit length, (n_balloons,).
+    With more than two equal balloons there are several softest modes, and the first balloon against all
+    others is the direction in which another branch leaves. Unit length, (n_balloons,).
     """
     diagonal, _ = equations.stiffness(state.tolist())
     sizes, vectors = modes(equations, state)
-    soft = vectors[:, np.abs(sizes) <= _SOFT * max(np.abs(sizes).max(), np.abs(diagonal).max())]
-    soft = soft if soft.size else vectors[:, :1]
+    soft = vectors[:, sizes <= sizes[0] + 2.0 * _SOFT * max(np.abs(sizes).max(), np.abs(diagonal).max())]
     first = int(np.argmax(np.abs(soft).max(axis=1) > _PART))
     change = _compliance(equations, state) * (soft @ soft[first])
     return np.asarray(change / np.linalg.norm(change))
