@@ -285,7 +285,7 @@ def prefixed(dimension: Dimension, largest: float) -> tuple[float, str]:
     return 10.0**exponent, _PREFIXES[exponent] + dimension.unit
 
 
-def said(dimension: Dimension, value: float, digits: int = 6) -> str:
+def with_prefix(dimension: Dimension, value: float, digits: int = 6) -> str:
     """An SI value with a prefix, for people: "8.1 kV"."""
     size, unit = prefixed(dimension, abs(value))
     return f"{value / size:.{digits}g} {unit}"

@@ -23,6 +23,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails, PydanticCustomError, core_schema
 
 from simulator import units
+from simulator.scenario.errors import Problem
 from simulator.units import Dimension, Written, as_written
 
 
@@ -166,6 +167,21 @@ class Frozen(BaseModel):
 def refused(text: str, value: object, *loc: int | str) -> ValidationError:
     """The error that says `text` of a value."""
     return ValidationError.from_exception_data("", [_line(text, value, loc)])
+
+
+def problems_of(
+    error: ValidationError, key: Callable[[tuple[int | str, ...]], str] = lambda loc: ".".join(map(str, loc))
+) -> list[Problem]:
+    """What a validation found wrong.
+
+    Parameters
+    ----------
+    error : ValidationError
+        Of a `Frozen` table, in the words of the file.
+    key : callable, optional
+        Makes the key of a message from the place of a problem in the table. Default: its parts with dots.
+    """
+    return [Problem(key(line["loc"]), line["input"], line["msg"]) for line in error.errors()]
 
 
 def _line(text: str, value: object, loc: tuple[int | str, ...]) -> InitErrorDetails:

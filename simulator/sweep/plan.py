@@ -42,6 +42,14 @@ class Axis:
             return "text"
         return "truth" if any(isinstance(value, bool) for value in self.values) else "number"
 
+    def at(self, share: FloatArray | float) -> FloatArray:
+        """The values at some shares of an interval, from 0 at its start to 1 at its end; the same shape."""
+        low, high = (float(value) for value in self.values)
+        if self.log:
+            low, high = np.log(low), np.log(high)
+        place = np.asarray(low + share * (high - low))
+        return np.exp(place) if self.log else place
+
     def written(self, value: Value) -> Value:
         """A value as it stands in the scenario."""
         return f"{value!r}{self.unit}" if self.unit else value
@@ -161,11 +169,4 @@ def drawn(sample: Sample, axes: tuple[Axis, ...]) -> FloatArray:
 
         method = qmc.Sobol if sample.method == "sobol" else qmc.LatinHypercube
         unit = method(len(axes), seed=rng).random(sample.size)
-    points = np.empty_like(unit)
-    for i, axis in enumerate(axes):
-        low, high = (float(value) for value in axis.values)
-        if axis.log:
-            points[:, i] = np.exp(np.log(low) + unit[:, i] * (np.log(high) - np.log(low)))
-        else:
-            points[:, i] = low + unit[:, i] * (high - low)
-    return points
+    return np.column_stack([axis.at(unit[:, i]) for i, axis in enumerate(axes)])

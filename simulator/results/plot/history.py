@@ -19,6 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from simulator.events import WORDS, EventKind, Outcome
+from simulator.results.plot.axes import Labels, add_stretch_axis, shown_history
 from simulator.results.plot.loops import (
     GRID,
     cell,
@@ -30,7 +31,6 @@ from simulator.results.plot.loops import (
     span,
     travelled,
 )
-from simulator.results.plot.quantities import Labels, add_stretch_axis, shown_history
 from simulator.results.plot.style import (
     BLACK,
     COLOURS,
@@ -39,7 +39,6 @@ from simulator.results.plot.style import (
     dress,
     mark,
     marker_style,
-    png,
 )
 
 if TYPE_CHECKING:
@@ -111,11 +110,6 @@ def plot_history(history: History) -> Figure:
     columns = ceil(len(handles) / ceil(len(handles) / LEGEND_COLUMNS))
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False)
     return figure
-
-
-def draw_png(history: History, dots_per_inch: float = 150.0) -> bytes:
-    """The picture of `plot_history` as the bytes of a PNG file."""
-    return png(plot_history(history), dots_per_inch)
 
 
 def plot_voltage(history: History, ax: Axes) -> Axes:
