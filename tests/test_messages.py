@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from simulator import ScenarioError, load_scenario, read_question, read_sweep, simulate
+from simulator import ScenarioError, explain, load_scenario, read_question, read_sweep, simulate, trace
 from simulator.cli import app
 from simulator.results.plot.map import BEHAVIOURS as DRAWN
 from simulator.sweep.rows import BEHAVIOURS
@@ -159,6 +160,14 @@ def test_a_file_that_is_not_there_is_named_by_whatever_plays_it() -> None:
     assert refused(read_question, "x.toml") == line
 
 
+def test_a_path_and_a_mapping_are_played_as_the_scenario_they_hold() -> None:
+    scenario = load_scenario("pair.toml")
+    for source in (Path("pair.toml"), tomllib.loads(PAIR)):
+        assert simulate(source).to_dataframe().equals(simulate(scenario).to_dataframe())
+        assert explain(source) == explain(scenario)
+        assert trace(source).to_dataframe().equals(trace(scenario).to_dataframe())
+
+
 @pytest.mark.parametrize("read", [read_sweep, lambda file: read_sweep(Path(file))])
 def test_a_scenario_is_no_sweep(read: Callable[[Any], object]) -> None:
     assert refused(read, "pair.toml") == (
@@ -175,7 +184,7 @@ class Soft:
         return stretch
 
 
-def test_an_object_that_is_no_elastomer_is_told_what_one_has() -> None:
+def test_an_object_that_is_no_elastomer_is_answered_by_what_one_has() -> None:
     scenario = load_scenario("pair.toml")
     table = 'must be a table such as { model = "gent", J_lim = 100 } or { preset = "VHB-4910" }'
     functions = (
@@ -281,7 +290,7 @@ def test_values_are_checked_as_in_a_file() -> None:
 def test_values_may_have_units_where_the_scenario_has_scales() -> None:
     Path("mine.toml").write_text(PAIR.replace("\n[gas]", f"{SCALES}\n[gas]"), "utf-8")
     scenario = load_scenario("mine.toml").with_values({"step.2.over": "2 min", "step.2.ramp": "3 kV"})
-    assert scenario.steps[1].over == 120.0
+    assert dict(scenario.steps[1])["over"] == 120.0
     assert scenario.to_dict()["step"][1] == {"ramp": "3 kV", "over": "2 min"}
 
 

@@ -1,4 +1,4 @@
-"""Kinds of fields, and how a broken one is told: messages are made from the fields' own descriptions."""
+"""Kinds of fields, and the messages of broken ones, which are made from the fields' own descriptions."""
 
 from __future__ import annotations
 
@@ -120,13 +120,13 @@ def not_empty(items: Any) -> Any:
 
 
 def absolute(path: str, info: ValidationInfo) -> str:
-    """A path of the file as an absolute one: it starts at the folder of the file."""
+    """A path that a file names, made absolute: it starts at the folder of that file."""
     return os.path.abspath(os.path.join((info.context or {}).get("folder", ""), path))
 
 
 @dataclass(frozen=True)
 class Chosen:
-    """Marks a union whose branch `function` chooses, so that only errors of that branch are told."""
+    """Marks a union whose branch `function` chooses, so that only errors of that branch are reported."""
 
     function: Callable[[Any, ValidationInfo], Any]
 
@@ -150,7 +150,7 @@ def by_name(kind: Any) -> Callable[[Any, ValidationInfo], float | dict[str, floa
 
 
 class Frozen(BaseModel):
-    """A table of the file; its problems are told in the words of the file."""
+    """A table of the file; its problems are reported in the words of the file."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -165,7 +165,7 @@ class Frozen(BaseModel):
 
 
 def refused(text: str, value: object, *loc: int | str) -> ValidationError:
-    """The error that says `text` of a value."""
+    """The error whose message is `text`, of a value at a place `loc` of its table."""
     return ValidationError.from_exception_data("", [_line(text, value, loc)])
 
 

@@ -9,7 +9,7 @@ from simulator.scenario.mapping import all_values, number_and_unit, value_at
 
 
 def all_keys(scenario: Scenario) -> dict[str, Any]:
-    """Every key of a scenario that holds one value, defaults too, with that value."""
+    """Every key of a scenario that holds one value, defaults too, with that value as it is written."""
     found = all_values(scenario.model_dump(mode="json", by_alias=True))
     written = all_values(scenario.to_dict())
     unused = () if scenario.gas.law == "adiabatic" else ("gas.exponent",)
@@ -43,6 +43,12 @@ def physical_keys(scenario: Scenario) -> tuple[str, ...]:
 def number_at(scenario: Scenario, key: str) -> float:
     """One of the numbers of a scenario, in the unit it is written in, also where it has its default.
 
+    Parameters
+    ----------
+    scenario : Scenario
+    key : str
+        Dotted, with a balloon by its name: `balloon.active.radius`.
+
     Raises
     ------
     KeyError
@@ -55,7 +61,21 @@ def number_at(scenario: Scenario, key: str) -> float:
 
 
 def changed_scenario(scenario: Scenario, key: str, value: float) -> Scenario:
-    """A scenario with one of its numbers changed, in the unit it is written in."""
+    """A scenario with one of its numbers changed.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    key : str
+        As in `number_at`.
+    value : float
+        In the unit that the number is written in.
+
+    Raises
+    ------
+    ScenarioError
+        If there is no such key, or the value is not allowed there.
+    """
     written = number_and_unit(value_at(scenario.to_dict(), key))
     unit = written[1] if written else ""
     return scenario.with_values({key: f"{value!r}{unit}" if unit else value})

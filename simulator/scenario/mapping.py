@@ -25,6 +25,13 @@ def number_and_unit(value: object) -> tuple[float, str] | None:
 def with_values(scenario: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
     """A scenario's mapping with some keys set to other values; the given one is left as it is.
 
+    Parameters
+    ----------
+    scenario : mapping
+        As in a file.
+    values : mapping of str to value
+        By dotted key.
+
     Raises
     ------
     KeyError
@@ -126,7 +133,7 @@ def _collect(value: Any, prefix: str, found: dict[str, Any]) -> None:
 
 
 def near(key: str, known: Mapping[str, Any]) -> str:
-    """The known keys most like an unknown one, as words for a message."""
+    """Which known keys are most like an unknown one, for a message; else, which of them hold numbers."""
     others = [other for other in known if other != key]
     like = difflib.get_close_matches(key, others, n=3, cutoff=0.6)
     if not like:

@@ -111,7 +111,19 @@ def _hint(message: str, text: str) -> str:
 
 
 def read_table(path: str, scales: Scales | None) -> bytes:
-    """Times, then voltages, as float64, dimensionless."""
+    """Times, then voltages, of a table, as the bytes of float64; `column` reads them.
+
+    Parameters
+    ----------
+    path : str
+    scales : Scales or None
+        What the units in its titles are turned into dimensionless numbers with.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be read or is no such table.
+    """
     units_hint = " or, with units, time [s],voltage [kV]" if scales else ""
     rows, columns = _two_columns(path, (("time", "voltage"),), 2, partial(_factor, scales), units_hint)[1:]
     times = columns[0]
@@ -127,7 +139,15 @@ def read_table(path: str, scales: Scales | None) -> bytes:
 
 
 def read_curve(path: str) -> bytes:
-    """Stretches, then f(λ), as float64, from stretches and either pressures p = f/λ² or stresses f/2."""
+    """Stretches, then f(λ), of a measured curve, as the bytes of float64; `column` reads them.
+
+    The file has either pressures p = f/λ² or stresses f/2.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be read or is no such curve.
+    """
     name, rows, columns = _two_columns(path, (("stretch", "pressure"), ("stretch", "stress")), 6, _no_unit)
     stretches, values = columns
     starts = np.arange(stretches.size) == 0

@@ -1,4 +1,4 @@
-"""The best run of a scenario over some of its numbers, under conditions: thin, on SciPy.
+"""The best run of a scenario over some of its numbers, under conditions, found by SciPy.
 
 The grammar is that of a sweep, with intervals to search, a column to make large or small, and conditions
 on columns. Runs snap, so what is optimised jumps; differential evolution does not mind. Each point is

@@ -1,4 +1,4 @@
-"""A sweep as data: the base scenario, what is varied, and the values of every run by its number."""
+"""A sweep as data: the base scenario, what is varied, and the values of every run, by the run's number."""
 
 from __future__ import annotations
 
@@ -75,7 +75,15 @@ class Past:
 
 @dataclass(frozen=True)
 class Recorded:
-    """What a row has room for: voltages of so many limit points, and the keys of sensitivities."""
+    """What a row records besides what every row has.
+
+    Attributes
+    ----------
+    limit_points : int
+        The voltages of so many limit points.
+    sensitivities : tuple of str
+        The keys of numbers in which the first of them is differentiated.
+    """
 
     limit_points: int = 2
     sensitivities: tuple[str, ...] = ()
@@ -145,7 +153,7 @@ class Sweep:
         return size
 
     def values(self, start: int, stop: int) -> list[tuple[Value, ...]]:
-        """The values of runs `start` to `stop` − 1, one for each axis."""
+        """The values of runs `start` to `stop` − 1, each a tuple with one for each axis; from 0."""
         if self.sample:
             return [tuple(row) for row in self._points[start:stop].tolist()]
         places = np.unravel_index(np.arange(start, stop), self.shape)
@@ -160,7 +168,18 @@ class Sweep:
 
 
 def drawn(sample: Sample, axes: tuple[Axis, ...]) -> FloatArray:
-    """Sample points in the axes' intervals, (size, n_axes). The same seed gives the same points."""
+    """Sample points in the axes' intervals. The same seed gives the same points.
+
+    Parameters
+    ----------
+    sample : Sample
+    axes : tuple of Axis
+        Intervals.
+
+    Returns
+    -------
+    (size, n_axes) array
+    """
     rng = np.random.default_rng(sample.seed)
     if sample.method == "random":
         unit = rng.random((sample.size, len(axes)))

@@ -1,4 +1,4 @@
-"""The sweep file, read and checked: `read_sweep` is the only door.
+"""The sweep file, read and checked by `read_sweep`.
 
 The grammar is that of `docs/sweep.md`. As for a scenario, all problems are reported at once, each with
 file, key, value and what is allowed, in one `ScenarioError`.
