@@ -6,6 +6,7 @@ a file of a figure.
 
 from simulator.results.plot.curve import draw_path, plot_curves, plot_fold, plot_paths
 from simulator.results.plot.history import (
+    plot_histories,
     plot_history,
     plot_loop,
     plot_pressure,
@@ -20,6 +21,7 @@ __all__ = [
     "draw_path",
     "plot_curves",
     "plot_fold",
+    "plot_histories",
     "plot_history",
     "plot_loop",
     "plot_paths",
