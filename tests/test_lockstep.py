@@ -41,7 +41,7 @@ def both_ways(definition, least):
     certain = [k for k, row in enumerate(together) if row[way] == chunk.LOCKSTEP]
     assert len(certain) >= least * len(values)
     for k in certain:
-        chunk._compare(k + 1, dict(zip(names, together[k], strict=True)), play(job, k, values[k]))
+        chunk.compare(k + 1, dict(zip(names, together[k], strict=True)), play(job, k, values[k]))
     return [dict(zip(names, row, strict=True)) for row in together]
 
 
@@ -66,7 +66,7 @@ def test_the_papers_map_comes_out_the_same():
     for row, point in zip(rows, values, strict=True):
         if row["way"] == chunk.LOCKSTEP:
             alone = play(sweep.job, 0, point)
-            chunk._compare(0, row, alone)
+            chunk.compare(0, row, alone)
             for name in ("limit_point_1_voltage_active", "limit_point_2_voltage_active"):
                 here, there = row[name], alone.get(name, np.nan)
                 assert here == pytest.approx(there, rel=1e-12, nan_ok=True)
@@ -163,7 +163,7 @@ def test_where_a_cruder_method_went_wrong():
     names = list(columns(sweep.job))
     for k, row in enumerate(chunk.rows(sweep.job, 0, values, (), names, play)):
         if k % 12 == 0:
-            chunk._compare(k, dict(zip(names, row, strict=True)), play(sweep.job, k, values[k]))
+            chunk.compare(k, dict(zip(names, row, strict=True)), play(sweep.job, k, values[k]))
 
 
 def test_what_is_not_covered_goes_to_simulate():

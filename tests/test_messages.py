@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from simulator import ScenarioError, explain, load_scenario, read_question, read_sweep, simulate, trace
 from simulator.cli import app
 from simulator.results.plot.map import BEHAVIOURS as DRAWN
+from simulator.scenario import Ramp
 from simulator.sweep.rows import BEHAVIOURS
 
 PAIR = """title = "A pair"
@@ -290,7 +291,9 @@ def test_values_are_checked_as_in_a_file() -> None:
 def test_values_may_have_units_where_the_scenario_has_scales() -> None:
     Path("mine.toml").write_text(PAIR.replace("\n[gas]", f"{SCALES}\n[gas]"), "utf-8")
     scenario = load_scenario("mine.toml").with_values({"step.2.over": "2 min", "step.2.ramp": "3 kV"})
-    assert dict(scenario.steps[1])["over"] == 120.0
+    ramp = scenario.steps[1]
+    assert isinstance(ramp, Ramp)
+    assert ramp.over == 120.0
     assert scenario.to_dict()["step"][1] == {"ramp": "3 kV", "over": "2 min"}
 
 

@@ -16,7 +16,7 @@ Where the reference itself cannot decide, what is certain is compared and the sc
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -97,7 +97,7 @@ def reference_of(document: Document, times: FloatArray, steps: NDArray[np.int64]
             event.kind,
             event.step,
             event.time,
-            _plain(event.before),
+            _plain(event.before) if event.after else replace(_plain(event.before), voltage=event.voltage),
             None if event.after is None else _plain(event.after),
             event.dissipated,
         )

@@ -63,7 +63,7 @@ def rows(
     for place in audited:
         row = found[place]
         if row is not None:
-            _compare(
+            compare(
                 start + place + 1, dict(zip(names, row, strict=True)), play(job, start + place, values[place])
             )
     out: list[Sequence[object]] = []
@@ -98,7 +98,7 @@ def _fill(
             found[run] = row
 
 
-def _compare(run: int, together: Row, alone: Row) -> None:
+def compare(run: int, together: Row, alone: Row) -> None:
     """Raise where a run does not come out the same both ways."""
     for name, here in together.items():
         if name in _NOT_COMPARED:
