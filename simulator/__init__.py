@@ -28,7 +28,9 @@ if TYPE_CHECKING:
     from simulator.simulation.run import SolverError, simulate
     from simulator.solver.follow import PathError
     from simulator.sweep import (
+        DisagreementError,
         ExecutorError,
+        ManyRuns,
         MissingExtra,
         Optimum,
         Question,
@@ -40,18 +42,21 @@ if TYPE_CHECKING:
         read_question,
         read_sweep,
         run_sweep,
+        simulate_many,
     )
 
 __version__ = "0.1.0"
 
 __all__ = [
     "Curve",
+    "DisagreementError",
     "EnergyBalance",
     "Event",
     "EventKind",
     "ExecutorError",
     "FoldCurve",
     "History",
+    "ManyRuns",
     "MissingExtra",
     "Optimum",
     "Outcome",
@@ -80,6 +85,7 @@ __all__ = [
     "run_sweep",
     "sensitivities",
     "simulate",
+    "simulate_many",
     "trace",
     "trace_all",
     "trace_inflation",
@@ -99,7 +105,9 @@ _NAMES = {
     "simulation.run": ("SolverError", "simulate"),
     "solver.follow": ("PathError",),
     "sweep": (
+        "DisagreementError",
         "ExecutorError",
+        "ManyRuns",
         "MissingExtra",
         "Optimum",
         "Question",
@@ -111,6 +119,7 @@ _NAMES = {
         "read_question",
         "read_sweep",
         "run_sweep",
+        "simulate_many",
     ),
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}

@@ -1,7 +1,7 @@
-"""Units of measurement: texts such as "8 kV" in, SI columns and axes with a prefix out.
+"""Units of measurement: reading texts such as "8 kV", and writing SI columns and numbers with a prefix.
 
-Everything between is dimensionless, made so with the `Scales` of a reference balloon. pint reads the units
-and is imported when the first of them is read: a scenario that has none does without.
+In between, everything is dimensionless, made so with the `Scales` of a reference balloon. pint reads the
+units and is imported when the first of them is read: a scenario that has none does without.
 """
 
 from __future__ import annotations
@@ -285,7 +285,7 @@ def prefixed(dimension: Dimension, largest: float) -> tuple[float, str]:
     return 10.0**exponent, _PREFIXES[exponent] + dimension.unit
 
 
-def said(dimension: Dimension, value: float, digits: int = 6) -> str:
-    """An SI value with a prefix, for people: "8.1 kV"."""
+def with_prefix(dimension: Dimension, value: float, digits: int = 6) -> str:
+    """A value in SI units as a text with a prefix, for people: "8.1 kV"."""
     size, unit = prefixed(dimension, abs(value))
     return f"{value / size:.{digits}g} {unit}"

@@ -249,7 +249,7 @@ def test_interrupt_writes_nothing(scenario, simulate):
     assert files(scenario.parent) == ["pair.toml"]
 
 
-@pytest.mark.parametrize("patched", ["simulator.results.plot.draw_png", "simulator.results.tables.write_run"])
+@pytest.mark.parametrize("patched", ["simulator.results.plot.png", "simulator.results.tables.write_run"])
 def test_interrupt_while_drawing_or_writing_writes_nothing(scenario, simulate, monkeypatch, patched):
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
@@ -265,7 +265,7 @@ def test_a_picture_that_cannot_be_drawn_does_not_cost_the_tables(scenario, simul
         raise RuntimeError("no fonts")
 
     simulate(cycled_pair())
-    monkeypatch.setattr("simulator.results.plot.draw_png", fail)
+    monkeypatch.setattr("simulator.results.plot.png", fail)
     assert balloons("run", scenario, "--plot").exit_code == 1
     assert (scenario.parent / "results/pair/history.csv").exists()
 

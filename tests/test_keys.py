@@ -6,7 +6,7 @@ import pytest
 
 from simulator import load_scenario
 from simulator.scenario.keys import all_keys, changed_scenario, number_at, physical_keys
-from simulator.scenario.mapping import near, quantity, value_at, with_values
+from simulator.scenario.mapping import near, number_and_unit, value_at, with_values
 from tests.pairs import pair
 
 BASE = pair(1.2, {"cycle": 2, "steps": [{"ramp": {"active": 0.3}}, {"hold": 1.0}]}).to_dict()
@@ -30,7 +30,7 @@ BASE = pair(1.2, {"cycle": 2, "steps": [{"ramp": {"active": 0.3}}, {"hold": 1.0}
     ],
 )
 def test_quantities(value, read):
-    assert quantity(value) == read
+    assert number_and_unit(value) == read
 
 
 def test_keys_are_set_where_they_are_and_nowhere_else():

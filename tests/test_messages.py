@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from simulator import ScenarioError, load_scenario, read_question, read_sweep, simulate
+from simulator import ScenarioError, explain, load_scenario, read_question, read_sweep, simulate, trace
 from simulator.cli import app
 from simulator.results.plot.map import BEHAVIOURS as DRAWN
 from simulator.scenario import Ramp
@@ -160,6 +161,14 @@ def test_a_file_that_is_not_there_is_named_by_whatever_plays_it() -> None:
     assert refused(read_question, "x.toml") == line
 
 
+def test_a_path_and_a_mapping_are_played_as_the_scenario_they_hold() -> None:
+    scenario = load_scenario("pair.toml")
+    for source in (Path("pair.toml"), tomllib.loads(PAIR)):
+        assert simulate(source).to_dataframe().equals(simulate(scenario).to_dataframe())
+        assert explain(source) == explain(scenario)
+        assert trace(source).to_dataframe().equals(trace(scenario).to_dataframe())
+
+
 @pytest.mark.parametrize("read", [read_sweep, lambda file: read_sweep(Path(file))])
 def test_a_scenario_is_no_sweep(read: Callable[[Any], object]) -> None:
     assert refused(read, "pair.toml") == (
@@ -176,7 +185,7 @@ class Soft:
         return stretch
 
 
-def test_an_object_that_is_no_elastomer_is_told_what_one_has() -> None:
+def test_an_object_that_is_no_elastomer_is_answered_by_what_one_has() -> None:
     scenario = load_scenario("pair.toml")
     table = 'must be a table such as { model = "gent", J_lim = 100 } or { preset = "VHB-4910" }'
     functions = (

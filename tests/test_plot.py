@@ -17,12 +17,12 @@ from simulator.results.history import EventKind, Outcome
 from simulator.results.plot import (
     COLOURS,
     MARKERS,
-    draw_png,
     plot_history,
     plot_loop,
     plot_pressure,
     plot_stretches,
     plot_voltage,
+    png,
 )
 from tests.histories import cycled_pair, empty_pair, inflated_single, scenario, slack_pair
 
@@ -49,7 +49,7 @@ def legend_labels(figure: Figure) -> list[str]:
 
 @pytest.mark.parametrize("history", PICTURED)
 def test_a_history_becomes_a_png(history):
-    assert draw_png(history, dots_per_inch=50).startswith(b"\x89PNG")
+    assert png(plot_history(history), dots_per_inch=50).startswith(b"\x89PNG")
 
 
 def test_panels_without_electrodes_are_pressure_stretch_and_loop():
@@ -237,8 +237,8 @@ def test_nothing_overlaps_the_legend():
 def test_pyplot_is_not_loaded():
     program = (
         "import sys;"
-        "from tests.histories import cycled_pair; from simulator.results.plot import draw_png;"
-        "draw_png(cycled_pair()); sys.exit('matplotlib.pyplot' in sys.modules)"
+        "from tests.histories import cycled_pair; from simulator.results.plot import plot_history, png;"
+        "png(plot_history(cycled_pair())); sys.exit('matplotlib.pyplot' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", program], cwd=Path(__file__).parent.parent, check=False)
     assert done.returncode == 0

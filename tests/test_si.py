@@ -157,7 +157,7 @@ def test_names_with_suffixes_of_events_keep_their_radius() -> None:
     ],
 )
 def test_prefixes_for_people(kind: Dimension, value: float, expected: str) -> None:
-    assert units.said(kind, value) == expected
+    assert units.with_prefix(kind, value) == expected
 
 
 # -- paths, limit points, pictures -----------------------------------------------------------------------

@@ -14,7 +14,7 @@ from simulator.analysis.trace import rests, sealed_state, trace, trace_all, trac
 from simulator.cli import app
 from simulator.results.columns import curve_columns, point_columns
 from simulator.results.files import OutputError
-from simulator.results.plot import draw_curves_png, plot_curves
+from simulator.results.plot import plot_curves, png
 from simulator.results.tables import write_curves
 from simulator.scenario import ScenarioError, load_scenario
 from simulator.solver.follow import PathError
@@ -365,7 +365,7 @@ def test_picture_leaves_out_enormous_voltages():
 
 def test_picture_of_an_inflation_is_over_pressure():
     curve = trace_inflation(scenario("3a_a"), to_pressure=2.0)
-    assert draw_curves_png([curve], dots_per_inch=50).startswith(b"\x89PNG")
+    assert png(plot_curves([curve]), dots_per_inch=50).startswith(b"\x89PNG")
     assert plot_curves([curve]).axes[0].get_xlabel() == "pressure  PR/(μH)"
 
 

@@ -63,12 +63,12 @@ def _write(history: History, directory: Path, *, plot: bool, failure: str | None
 
     if not plot:
         return write_run(history, directory, failure=failure)
-    from simulator.results.plot import draw_png
+    from simulator.results.plot import plot_history, png
 
     # Drawn first, so that a Ctrl-C while it draws leaves nothing behind. But a picture that cannot
     # be drawn must not cost a long run its numbers.
     try:
-        picture = draw_png(history)
+        picture = png(plot_history(history))
     except Exception:
         write_run(history, directory, failure=failure)
         raise

@@ -64,10 +64,10 @@ def trace(
         curves = _traced(loaded, wanted)
         pictures = {}
         if plot:
-            from simulator.results.plot import draw_curves_png
+            from simulator.results.plot import plot_curves, png
 
             # Drawn before anything is written, so that a Ctrl-C meanwhile leaves nothing behind.
-            pictures[CURVE_PICTURE] = draw_curves_png(curves)
+            pictures[CURVE_PICTURE] = png(plot_curves(curves))
         paths = write_curves(curves, directory)
         paths += write_files(directory, pictures) if pictures else []
     if not quiet:
@@ -104,9 +104,9 @@ def fold(
             curve = follow(loaded, vary, to, point=point, inflation=inflation)
         pictures = {}
         if plot:
-            from simulator.results.plot import draw_fold_png
+            from simulator.results.plot import plot_fold, png
 
-            pictures[FOLD_PICTURE] = draw_fold_png(curve)
+            pictures[FOLD_PICTURE] = png(plot_fold(curve))
         paths = write_fold(curve, directory)
         paths += write_files(directory, pictures) if pictures else []
     if not quiet:

@@ -68,7 +68,7 @@ def progress_bar(*, quiet: bool) -> Iterator[Callable[[float], None] | None]:
 
 def summarise_run(history: History, paths: list[Path]) -> None:
     """Say how a history ended, what happened in it and what it cost."""
-    print(_printable(history.scenario.title))
+    print(printable(history.scenario.title))
     second = " s" if history.scenario.scales else ""
     end = f" at time {history.time[-1]:.10g}{second}" if len(history) else ""
     print(f"\noutcome  {history.outcome.value}{end}")
@@ -86,18 +86,18 @@ def summarise_run(history: History, paths: list[Path]) -> None:
     if len(history.stops) > EVENTS_SHOWN:
         print(f"         … and {len(history.stops) - EVENTS_SHOWN} more, in run.json")
     for verdict in history.verdicts:
-        print(f"film     {_told(verdict, history.scenario.scales)}")
+        print(f"film     {_fate(verdict, history.scenario.scales)}")
     balance, statistics = history.energy_balance, history.statistics
     print(f"energy   closes to {balance.relative_imbalance:.1e} of the work exchanged")
     print(f"cost     {statistics.seconds:.3f} s, {statistics.ida_steps} IDA steps, {len(history)} samples")
-    print(f"files    {paths[0].parent}: {', '.join(path.name for path in paths)}")
+    print_files(paths)
 
 
-def _told(verdict: Verdict, scales: Scales | None) -> str:
+def _fate(verdict: Verdict, scales: Scales | None) -> str:
     """How a film fared, in words."""
     where = f"at time {verdict.time:.7g}{' s' if scales else ''}, step {verdict.step}"
     field, strength = (
-        units.said(units.FIELD, value * scales.field) if scales else _short(value)
+        units.with_prefix(units.FIELD, value * scales.field) if scales else _short(value)
         for value in (verdict.field, verdict.strength)
     )
     field = f"field {field}, strength {strength}"
@@ -118,7 +118,7 @@ def summarise_trace(curves: Sequence[Curve], paths: list[Path], *, asked: bool) 
     asked : bool
         Whether the path was to stop at a voltage, pressure or stretch.
     """
-    print(_printable(curves[0].title))
+    print(printable(curves[0].title))
     print(f"\npoints   {sum(len(curve.points) for curve in curves)}")
     _print_table(_point_table(curves))
     for i, curve in enumerate(curves, start=1):
@@ -126,7 +126,7 @@ def summarise_trace(curves: Sequence[Curve], paths: list[Path], *, asked: bool) 
         stable = f"{(curve.unstable == 0).mean():.0%}"
         print(f"end      {which}{_ending(curve, asked=asked)}; {stable} of its points are stable")
     print(f"cost     {sum(c.ida_steps for c in curves)} IDA steps, {sum(len(c) for c in curves)} points")
-    print(f"files    {paths[0].parent}: {', '.join(path.name for path in paths)}")
+    print_files(paths)
 
 
 def summarise_fold(curve: FoldCurve, to: str, paths: list[Path]) -> None:
@@ -142,15 +142,15 @@ def summarise_fold(curve: FoldCurve, to: str, paths: list[Path]) -> None:
     """
     drive = "voltage" if curve.voltage.any() else "pressure"
     values = curve.voltage if curve.voltage.any() else curve.pressure
-    print(_printable(curve.title))
+    print(printable(curve.title))
     for place, name in ((0, "from"), (-1, "to")):
-        value = _said(curve.scales, curve.dimension, float(curve.value[place]))
-        limit = _said(curve.scales, units.QUANTITIES[drive], float(values[place]))
+        value = _with_unit(curve.scales, curve.dimension, float(curve.value[place]))
+        limit = _with_unit(curve.scales, units.QUANTITIES[drive], float(values[place]))
         print(f"{name:8} {curve.parameter} = {value}: {drive} {limit}")
     reached = "reached" if curve.end == "reached" else f"{to} not reached: {curve.end.replace('_', ' ')}"
     print(f"end      {reached}")
     print(f"cost     {curve.ida_steps} IDA steps, {len(curve)} points")
-    print(f"files    {paths[0].parent}: {', '.join(path.name for path in paths)}")
+    print_files(paths)
 
 
 def list_presets(presets: Mapping[str, tuple[str, Material]]) -> None:
@@ -268,14 +268,19 @@ def _unit(scales: Scales | None, dimension: Dimension, values: Sequence[float | 
     return scale / size, f"\n\\[{unit}]"  # escaped: rich takes brackets for markup
 
 
-def _said(scales: Scales | None, dimension: Dimension | None, value: float) -> str:
+def _with_unit(scales: Scales | None, dimension: Dimension | None, value: float) -> str:
     """A dimensionless value as such, or with its unit."""
     if scales is None or dimension is None:
         return f"{value:.10g}"
-    return units.said(dimension, value * scales.of(dimension), 10)
+    return units.with_prefix(dimension, value * scales.of(dimension), 10)
 
 
-def _printable(title: str) -> str:
+def print_files(paths: Sequence[Path]) -> None:
+    """Say where files of one directory are."""
+    print(f"files    {paths[0].parent}: {', '.join(path.name for path in paths)}")
+
+
+def printable(title: str) -> str:
     """A title as one line: no control characters of a file reach the terminal."""
     return "".join(letter if letter.isprintable() else " " for letter in title)
 

@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from simulator.cli.summary import print_files, printable
+
 if TYPE_CHECKING:
     from collections import Counter
     from pathlib import Path
@@ -112,7 +114,7 @@ def summarise_sweep(
     title: str, result: SweepResult, counts: Counter[str], errors: Sequence[tuple[int, str]]
 ) -> None:
     """Say what the runs of a sweep came to, how long it took and where the files are."""
-    print("".join(letter if letter.isprintable() else " " for letter in title))
+    print(printable(title))
     print(f"\nruns     {result.runs:,}")
     for name, count in counts.most_common():
         print(f"         {count:>9,}  {name}")
@@ -125,14 +127,14 @@ def summarise_sweep(
     pace = f", {result.played / result.seconds:.3g} runs/s" if result.played else ""
     before = f", {result.runs - result.played:,} were there before" if result.played < result.runs else ""
     print(f"cost     {result.seconds:.1f} s for {result.played:,} runs{pace}{before}")
-    print(f"files    {result.directory}: {', '.join(path.name for path in result.files)}")
+    print_files(result.files)
 
 
 def summarise_optimum(found: Optimum, paths: list[Path]) -> None:
     """Say what the best run is, what it does, and how sure that is."""
     question, row = found.question, found.row
     assert row is not None
-    print(question.sweep.title)
+    print(printable(question.sweep.title))
     word = "largest" if question.sense < 0.0 else "smallest"
     print(f"\n{word:8} {question.column} = {found.value:.10g}")
     names = [axis.key for axis in question.sweep.axes]
@@ -144,4 +146,4 @@ def summarise_optimum(found: Optimum, paths: list[Path]) -> None:
         print(f"{'where' if not i else '':8} {name} = {value if isinstance(value, str) else f'{value:.10g}'}")
     settled = "converged" if found.converged else "not converged, more generations may find better"
     print(f"cost     {len(found.runs):,} runs, {settled}")
-    print(f"files    {paths[0].parent}: {', '.join(path.name for path in paths)}")
+    print_files(paths)

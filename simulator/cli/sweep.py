@@ -15,6 +15,7 @@ import typer
 
 from simulator.cli.endings import BAD_INPUT, SOLVER_FAILED, errors_reported, fail
 from simulator.cli.options import Quiet, SweepArgument, results_option
+from simulator.cli.summary import print_files
 
 
 def sweep(
@@ -114,9 +115,10 @@ def draw_map(
         lines = [fold_line(text, x, y) for text in fold or ()]
         points = [point(text) for text in mark or ()]
 
-        from simulator.results.plot.map import MapCurve, MapMark, draw_map_png
+        from simulator.results.plot.map import MapCurve, MapMark, plot_map
+        from simulator.results.plot.style import png
 
-        content = draw_map_png(
+        figure = plot_map(
             picked.columns,
             x,
             y,
@@ -127,9 +129,9 @@ def draw_map(
             log=picked.log,
             title=picked.title if title is None else title,
         )
-        write_files(picture.parent, {picture.name: content})
+        write_files(picture.parent, {picture.name: png(figure)})
     if not quiet:
-        print(f"files    {picture.parent}: {picture.name}")
+        print_files([picture])
 
 
 def optimize(

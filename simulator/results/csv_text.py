@@ -12,8 +12,16 @@ Columns = dict[str, NDArray[Any]]
 
 
 def write_csv(columns: Columns, stream: BinaryIO) -> None:
-    """Write columns of equal length as CSV, with a header, into an open file.
+    """Write columns as CSV, with a header, into an open file.
 
+    Parameters
+    ----------
+    columns : dict of str to (n_rows,) array
+        By title; titles have no comma and no quote.
+    stream : binary file
+
+    Notes
+    -----
     Numbers have as many digits as it takes to read the same double back; NaN is an empty cell, and truth
     values are true and false. The text does not pass through pandas: formatting rows here takes less time
     than `DataFrame.to_csv`, and a run from the command line loads no pandas.
@@ -24,7 +32,13 @@ def write_csv(columns: Columns, stream: BinaryIO) -> None:
 
 
 def rows_of_text(columns: list[NDArray[Any]], rows_at_once: int = 8192) -> Iterator[str]:
-    """The lines of a CSV file, in texts of so many rows each."""
+    """The lines of a CSV file, without a header, in texts of `rows_at_once` rows each.
+
+    Parameters
+    ----------
+    columns : list of (n_rows,) arrays
+    rows_at_once : int
+    """
     n_rows = columns[0].size
     # One %-template for a whole row is the fastest formatting there is in pure Python: %r of a
     # float is its shortest exact form.

@@ -1,6 +1,6 @@
 """The immutable result of a trace: an equilibrium path as points in order, and its special points.
 
-As in `history`, nothing is computed here; tables and pictures are imported when they are asked for.
+As in `history`, nothing is computed here, and `tables` and `plot` are imported when they are needed.
 """
 
 from __future__ import annotations
@@ -123,19 +123,22 @@ class Curve:
         return self.points[-1]
 
     def to_dataframe(self) -> pd.DataFrame:
-        """The points as a table, with the columns of `curve.csv`."""
+        """The points as a table, one row each; columns as in `curve.csv` (`docs/results.md`)."""
         from simulator.results.tables import curve_table
 
         return curve_table(self)
 
     def points_to_dataframe(self) -> pd.DataFrame:
-        """The special points as a table, with the columns of `points.csv`."""
+        """The special points as a table, one row each; columns as in `points.csv` (`docs/results.md`)."""
         from simulator.results.tables import points_table
 
         return points_table(self)
 
     def to_csv(self, directory: str | PathLike[str]) -> list[Path]:
-        """Write `curve.csv` and `points.csv` into `directory`; return their paths."""
+        """Write `curve.csv` and `points.csv` into a directory, created if need be; return their paths.
+
+        Raises OutputError if it cannot be made or written to.
+        """
         from simulator.results.tables import write_curves
 
         return write_curves([self], directory)
@@ -188,13 +191,16 @@ class FoldCurve:
         return int(self.value.size)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """The points as a table, with the columns of `fold.csv`."""
+        """The points as a table, one row each; columns as in `fold.csv` (`docs/results.md`)."""
         from simulator.results.tables import fold_table
 
         return fold_table(self)
 
     def to_csv(self, directory: str | PathLike[str]) -> list[Path]:
-        """Write `fold.csv` into `directory`; return its path."""
+        """Write `fold.csv` into a directory, created if need be; return its path.
+
+        Raises OutputError if it cannot be made or written to.
+        """
         from simulator.results.tables import write_fold
 
         return write_fold(self, directory)

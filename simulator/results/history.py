@@ -1,7 +1,7 @@
 """The immutable result of a run: samples, events and how it ended.
 
-Nothing is computed here. `to_dataframe`, `to_csv` and `plot` import what they need (`tables`, `plot`) when
-they are called, so that a run which needs no table loads no pandas.
+Nothing is computed here. `to_dataframe`, `to_csv` and `plot` import `tables` and `plot` when they are called,
+so that a run which needs no table loads no pandas, and one without a picture no matplotlib.
 All quantities are dimensionless, see `docs/physics.md`.
 """
 
@@ -89,7 +89,7 @@ class Event:
 
 @dataclass(frozen=True)
 class EnergyBalance:
-    """The books of a history, in units of 4πR²Hμ; see `docs/physics.md`.
+    """The energy balance of a history, in units of 4πR²Hμ; see `docs/physics.md`.
 
     `electrical_work` is ∫Σφ dq, `gas_work` is ∫p dV of the supply while the valve is open,
     `stored` the change of Π + Σφq, `dissipated` what the jumps lost. `imbalance` is what is left
@@ -345,19 +345,34 @@ class History:
         )
 
     def to_dataframe(self) -> pd.DataFrame:
-        """The samples as a table, one row each, with the columns of `history.csv`."""
+        """The samples as a table, one row each; columns as in `history.csv` (`docs/results.md`)."""
         from simulator.results.tables import history_table
 
         return history_table(self)
 
     def events_to_dataframe(self) -> pd.DataFrame:
-        """The events as a table, one row each, with the columns of `events.csv`."""
+        """The events as a table, one row each; columns as in `events.csv` (`docs/results.md`)."""
         from simulator.results.tables import events_table
 
         return events_table(self)
 
     def to_csv(self, directory: str | PathLike[str]) -> list[Path]:
-        """Write `history.csv`, `events.csv` and `run.json` into `directory`; return their paths."""
+        """Write `history.csv`, `events.csv` and `run.json` into a directory, all or none.
+
+        Parameters
+        ----------
+        directory : path
+            Created if need be. Files of the same names are replaced.
+
+        Returns
+        -------
+        list of Path
+
+        Raises
+        ------
+        OutputError
+            If the directory cannot be made or written to.
+        """
         from simulator.results.tables import write_run
 
         return write_run(self, directory)
@@ -373,6 +388,11 @@ class History:
         ----------
         ax : matplotlib.axes.Axes, optional
             Draw the loop alone, into these axes, and return them.
+
+        Returns
+        -------
+        matplotlib.figure.Figure or matplotlib.axes.Axes
+            The figure is not registered with pyplot: save it with ``figure.savefig(path)``.
         """
         from simulator.results.plot import plot_history, plot_loop
 

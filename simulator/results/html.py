@@ -1,4 +1,4 @@
-"""Results as they show themselves in a notebook: what happened, a table of the events, a picture."""
+"""Results as a notebook shows them: what happened, a table of the events or special points, a picture."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simulator.events import WORDS, Outcome
+from simulator.events import WORDS
+from simulator.results.record import ending
 
 if TYPE_CHECKING:
     from simulator.results.curve import Curve
@@ -54,19 +55,6 @@ def curve_html(curve: Curve) -> str:
     header = ["point", "voltage", "stretches", "pressure"]
     picture = _picture(curve)
     return f"<h4>{html.escape(curve.title)}</h4>{_table(header, rows)}{picture}"
-
-
-def ending(history: History) -> str:
-    """How a history ended, in a few words."""
-    if not len(history):
-        return "nothing was computed"
-    time = f"time {history.time[-1]:.6g}{' s' if history.scenario.scales else ''}"
-    match history.outcome:
-        case Outcome.COMPLETED:
-            return f"completed at {time}"
-        case Outcome.FAILED:
-            return f"partial: the solver failed after {time}"
-    return f"ended by {history.outcome.value.replace('_', ' ')} at {time}"
 
 
 def _numbers(values: np.ndarray | None) -> str:

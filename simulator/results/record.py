@@ -1,4 +1,4 @@
-"""`run.json`: how a run ended, what it cost, and which software did it."""
+"""How a run ended, in a few words; and `run.json`, with what it cost and which software did it."""
 
 from __future__ import annotations
 
@@ -16,6 +16,19 @@ from simulator.events import Outcome
 
 if TYPE_CHECKING:
     from simulator.results.history import History
+
+
+def ending(history: History) -> str:
+    """How a history ended, in a few words."""
+    if not len(history):
+        return "nothing was computed"
+    time = f"time {history.time[-1]:.6g}{' s' if history.scenario.scales else ''}"
+    match history.outcome:
+        case Outcome.COMPLETED:
+            return f"completed at {time}"
+        case Outcome.FAILED:
+            return f"partial: the solver failed after {time}"
+    return f"ended by {history.outcome.value.replace('_', ' ')} at {time}"
 
 
 def run_record(history: History, failure: str | None = None) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """What the user wrote: a scenario file, validated and frozen. No physics happens here.
 
-`load_scenario` reads the grammar of `docs/scenario-format.md` and either returns a
-`Scenario` or raises one `ScenarioError` that lists every problem in the words of the file. Each field says
+`load_scenario` reads the grammar of `docs/scenario-format.md` and either returns a `Scenario` or raises one
+`ScenarioError` that lists every problem in the words of the file. Each field says
 in its `description` what it allows; the messages are made from these, so the two cannot drift apart.
 """
 
@@ -14,6 +14,7 @@ from simulator.scenario.device import (
     Maxwell,
     PowerBreakdown,
 )
+from simulator.scenario.dimensions import dimension_of, dimensionless
 from simulator.scenario.document import Scenario, ScenarioLike, load_scenario
 from simulator.scenario.elastomer import (
     ArrudaBoyce,
@@ -31,7 +32,6 @@ from simulator.scenario.elastomer import (
 )
 from simulator.scenario.errors import Problem, ScenarioError
 from simulator.scenario.presets import PRESETS
-from simulator.scenario.quantities import dimension_of, dimensionless
 from simulator.scenario.scales import Reference
 from simulator.scenario.settings import Dynamics, Output, Solver
 from simulator.scenario.steps import (

@@ -1,4 +1,4 @@
-"""What no single field can see: names that must agree, and how much is asked for."""
+"""Checks of a scenario as a whole: names that must agree, and how much is asked for."""
 
 from __future__ import annotations
 
@@ -35,21 +35,38 @@ class Parts(Protocol):
     """What a scenario is made of, as far as it must agree."""
 
     @property
-    def balloons(self) -> tuple[Balloon, ...]: ...
+    def balloons(self) -> tuple[Balloon, ...]:
+        """The balloons."""
+        ...
+
     @property
-    def electroded(self) -> tuple[str, ...]: ...
+    def electroded(self) -> tuple[str, ...]:
+        """Names of those with electrodes."""
+        ...
+
     @property
-    def gas(self) -> Gas: ...
+    def gas(self) -> Gas:
+        """The gas or liquid."""
+        ...
+
     @property
-    def steps(self) -> tuple[Step, ...]: ...
+    def steps(self) -> tuple[Step, ...]:
+        """The steps, cycles as written."""
+        ...
+
     @property
-    def dynamics(self) -> Dynamics | None: ...
+    def dynamics(self) -> Dynamics | None:
+        """The relaxation times; None for a quasi-static history."""
+        ...
+
     @property
-    def output(self) -> Output: ...
+    def output(self) -> Output:
+        """Which samples are wanted."""
+        ...
 
 
 def disagreements(scenario: Parts) -> Iterator[Problem]:
-    """What no single field can see."""
+    """Every problem that no single field shows, in the order of the file."""
     names = [balloon.name for balloon in scenario.balloons]
     yield from _of_balloons(scenario, names)
     yield from _of_dynamics(scenario, names)

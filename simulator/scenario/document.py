@@ -12,9 +12,9 @@ from simulator.scenario.checks import disagreements
 from simulator.scenario.device import Balloon, Gas
 from simulator.scenario.elastomer import Elastomer, Python
 from simulator.scenario.errors import Problem, ScenarioError
-from simulator.scenario.fields import Frozen, Text, not_empty
-from simulator.scenario.mapping import near, quantities, with_values
-from simulator.scenario.reading import read_toml
+from simulator.scenario.fields import Frozen, Text, not_empty, problems_of
+from simulator.scenario.mapping import all_values, near, with_values
+from simulator.scenario.reading import check_kind, read_toml
 from simulator.scenario.scales import Scaled, scales_of
 from simulator.scenario.settings import Dynamics, Output, Solver
 from simulator.scenario.steps import PlayedStep, Step, unrolled
@@ -100,10 +100,7 @@ class Scenario(Frozen):
                 made[name] = _ELASTOMER.validate_python(elastomer, context={"folder": ""})
             except ValidationError as error:
                 key = f"balloon.{name}.elastomer"
-                problems += [
-                    Problem(".".join([key, *map(str, e["loc"])]), e["input"], e["msg"])
-                    for e in error.errors()
-                ]
+                problems += [p._replace(key=f"{key}.{p.key}".rstrip(".")) for p in problems_of(error)]
         if problems:
             raise ScenarioError(self.file, *problems)
         balloons = tuple(
@@ -137,7 +134,7 @@ class Scenario(Frozen):
             changed = with_values(written, values)
         except KeyError as error:
             key = str(error.args[0])
-            allowed = f"no such key, {near(key, quantities(written))}"
+            allowed = f"no such key, {near(key, all_values(written))}"
             raise ScenarioError(self.file, Problem(key, None, allowed)) from None
         return _validated(changed, self.file, "")
 
@@ -189,35 +186,20 @@ def load_scenario(source: ScenarioLike) -> Scenario:
     data: Mapping[str, Any]
     if isinstance(source, Mapping):
         file, folder, data = "<dict>", "", source
+        check_kind(file, data, "a scenario")
     else:
         file = os.fspath(source)
-        folder = os.path.dirname(file)
-        try:
-            data = read_toml(file)
-        except ValueError as error:
-            raise ScenarioError(file, Problem("", None, str(error))) from None
+        folder, data = os.path.dirname(file), read_toml(file, "a scenario")
     return _validated(data, file, folder)
-
-
-# Keys that say that a file is of another kind.
-_OTHER_FILES = {
-    "maximize": ("an optimum", "optimize"),
-    "minimize": ("an optimum", "optimize"),
-    "vary": ("a sweep", "sweep"),
-}
 
 
 def _validated(data: Mapping[str, Any], file: str, folder: str) -> Scenario:
     """The scenario of a mapping; tables are sought from a folder."""
-    for key, (kind, command) in _OTHER_FILES.items():
-        if key in data:
-            allowed = f"belongs to {kind}, not to a scenario; {kind} is played with `balloons {command}`"
-            raise ScenarioError(file, Problem(key, None, allowed))
     try:
         scales = scales_of(data["scales"]) if data.get("scales") is not None else None
         scenario = Scenario.model_validate(data, context={"file": file, "folder": folder, "scales": scales})
     except ValidationError as error:
-        problems = [Problem(_dotted(e["loc"], data), e["input"], e["msg"]) for e in error.errors()]
+        problems = problems_of(error, lambda loc: _dotted(loc, data))
     except RecursionError:
         problems = [Problem("step", None, "is nested too deeply")]
     else:

@@ -22,7 +22,7 @@ from simulator.scenario.fields import (
     refused,
 )
 from simulator.scenario.presets import PRESETS, Material
-from simulator.scenario.reading import read_curve
+from simulator.scenario.reading import column, read_curve
 
 
 class _Law(Frozen):
@@ -180,14 +180,12 @@ class Tabulated(_Law):
     @property
     def stretches(self) -> NDArray[np.float64]:
         """Stretches of the rows, (n,) read-only; the first is 1."""
-        stretches: NDArray[np.float64] = np.frombuffer(self._samples).reshape(2, -1)[0]
-        return stretches
+        return column(self._samples, 0)
 
     @property
     def forces(self) -> NDArray[np.float64]:
         """f(λ) of the rows, (n,) read-only: λ² times the pressure, or twice the nominal stress."""
-        forces: NDArray[np.float64] = np.frombuffer(self._samples).reshape(2, -1)[1]
-        return forces
+        return column(self._samples, 1)
 
     @property
     def words(self) -> str:

@@ -1,4 +1,4 @@
-"""What is wrong with a scenario, said in the words of its file."""
+"""What is wrong with a scenario, in the words of its file."""
 
 from __future__ import annotations
 

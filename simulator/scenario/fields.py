@@ -1,4 +1,4 @@
-"""Kinds of fields, and what a wrong one is reported as: messages come from the fields' own descriptions."""
+"""Kinds of fields, and the messages of broken ones, which are made from the fields' own descriptions."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails, PydanticCustomError, core_schema
 
 from simulator import units
+from simulator.scenario.errors import Problem
 from simulator.units import Dimension, Written, as_written
 
 
@@ -119,7 +120,7 @@ def not_empty(items: Any) -> Any:
 
 
 def absolute(path: str, info: ValidationInfo) -> str:
-    """A path of the file as an absolute one: it starts at the folder of the file."""
+    """A path that a file names, made absolute: it starts at the folder of that file."""
     return os.path.abspath(os.path.join((info.context or {}).get("folder", ""), path))
 
 
@@ -164,8 +165,23 @@ class Frozen(BaseModel):
 
 
 def refused(text: str, value: object, *loc: int | str) -> ValidationError:
-    """The error that says `text` of a value."""
+    """The error whose message is `text`, of a value at a place `loc` of its table."""
     return ValidationError.from_exception_data("", [_line(text, value, loc)])
+
+
+def problems_of(
+    error: ValidationError, key: Callable[[tuple[int | str, ...]], str] = lambda loc: ".".join(map(str, loc))
+) -> list[Problem]:
+    """What a validation found wrong.
+
+    Parameters
+    ----------
+    error : ValidationError
+        Of a `Frozen` table, in the words of the file.
+    key : callable, optional
+        Makes the key of a message from the place of a problem in the table. Default: its parts with dots.
+    """
+    return [Problem(key(line["loc"]), line["input"], line["msg"]) for line in error.errors()]
 
 
 def _line(text: str, value: object, loc: tuple[int | str, ...]) -> InitErrorDetails:

@@ -14,7 +14,7 @@ from typing import Any
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(\s*[^\d\s.].*)?")
 
 
-def quantity(value: object) -> tuple[float, str] | None:
+def number_and_unit(value: object) -> tuple[float, str] | None:
     """The number and the unit of a value such as 2.5 or "2.5 kPa"; None for what is no number."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         return float(value), ""
@@ -24,6 +24,13 @@ def quantity(value: object) -> tuple[float, str] | None:
 
 def with_values(scenario: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
     """A scenario's mapping with some keys set to other values; the given one is left as it is.
+
+    Parameters
+    ----------
+    scenario : mapping
+        As in a file.
+    values : mapping of str to value
+        By dotted key.
 
     Raises
     ------
@@ -105,28 +112,28 @@ def _items(items: list[Any], name: str, key: str) -> list[Any]:
     return chosen
 
 
-def quantities(scenario: Mapping[str, Any]) -> dict[str, Any]:
+def all_values(scenario: Mapping[str, Any]) -> dict[str, Any]:
     """Every dotted key of a mapping that holds one value, with that value."""
     found: dict[str, Any] = {}
-    collect(scenario, "", found)
+    _collect(scenario, "", found)
     return found
 
 
-def collect(value: Any, prefix: str, found: dict[str, Any]) -> None:
+def _collect(value: Any, prefix: str, found: dict[str, Any]) -> None:
     """Add the dotted keys below a value, each with its own value."""
     if isinstance(value, Mapping):
         for name, item in value.items():
-            collect(item, f"{prefix}.{name}" if prefix else str(name), found)
+            _collect(item, f"{prefix}.{name}" if prefix else str(name), found)
     elif isinstance(value, list | tuple):
         for number, item in enumerate(value, start=1):
             name = item.get("name", number) if isinstance(item, Mapping) else number
-            collect(item, f"{prefix}.{name}", found)
+            _collect(item, f"{prefix}.{name}", found)
     elif value is not None:
         found[prefix] = value
 
 
 def near(key: str, known: Mapping[str, Any]) -> str:
-    """The known keys most like an unknown one, as words for a message."""
+    """Which known keys are most like an unknown one, for a message; else, which of them hold numbers."""
     others = [other for other in known if other != key]
     like = difflib.get_close_matches(key, others, n=3, cutoff=0.6)
     if not like:
@@ -135,5 +142,5 @@ def near(key: str, known: Mapping[str, Any]) -> str:
     return (
         f"did you mean {' or '.join(like)}?"
         if like
-        else f"has {', '.join(k for k, v in known.items() if quantity(v))}"
+        else f"has {', '.join(k for k, v in known.items() if number_and_unit(v))}"
     )

@@ -1,11 +1,14 @@
-"""Files that a scenario is made of: TOML, and tables of numbers. Every problem is a ValueError."""
+"""Files that a scenario is made of: TOML, and tables of numbers.
+
+What is wrong with a table is a ValueError that becomes a problem of the field that names it.
+"""
 
 from __future__ import annotations
 
 import math
 import re
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
@@ -13,11 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator import units
-from simulator.scenario.errors import short
+from simulator.scenario.errors import Problem, ScenarioError, short
 from simulator.scenario.fields import LONGEST
 from simulator.units import Scales
 
 _COLUMN = re.compile(r"(time|voltage|stretch|pressure|stress)(?:\s*\[([^\[\]]*)\])?")
+
+
+class _Unreadable(ValueError):
+    """A file that is no text."""
 
 
 def _read_text(path: str) -> str:
@@ -25,18 +32,63 @@ def _read_text(path: str) -> str:
         with open(path, "rb") as stream:
             return stream.read().decode("utf-8-sig")  # spreadsheets and Windows put a BOM in front
     except OSError as error:
-        raise ValueError(f"cannot be read, {str(error.strerror).lower()}") from None
+        raise _Unreadable(f"cannot be read, {str(error.strerror).lower()}") from None
     except UnicodeDecodeError as error:
-        raise ValueError(f"must be text in UTF-8, byte {error.start} is not") from None
+        raise _Unreadable(f"must be text in UTF-8, byte {error.start} is not") from None
 
 
-def read_toml(file: str) -> dict[str, Any]:
-    """The content of a TOML file."""
-    text = _read_text(file)
+def read_toml(file: str, kind: str) -> dict[str, Any]:
+    """The content of a TOML file.
+
+    Parameters
+    ----------
+    file : str
+    kind : str
+        What it is to hold, as in `check_kind`.
+
+    Raises
+    ------
+    ScenarioError
+        If it cannot be read, is no TOML, or holds something else.
+    """
+    text = ""
     try:
-        return tomllib.loads(text)
+        text = _read_text(file)
+        content = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise ValueError(f"must be TOML: {error}{_hint(str(error), text)}") from None
+        no_toml = f"must be TOML: {error}{_hint(str(error), text)}"
+        reason = str(error) if isinstance(error, _Unreadable) else no_toml
+        raise ScenarioError(file, Problem("", None, reason)) from None
+    check_kind(file, content, kind)
+    return content
+
+
+# By which key a file shows its kind, and by which command that is played. An optimum has what a sweep has.
+_KINDS = {
+    "maximize": ("an optimum", "optimize"),
+    "minimize": ("an optimum", "optimize"),
+    "vary": ("a sweep", "sweep"),
+    "gas": ("a scenario", "run"),
+    "balloon": ("a scenario", "run"),
+}
+
+
+def check_kind(file: str, content: Mapping[str, Any], kind: str) -> None:
+    """Raise ScenarioError where the content of a file is of another kind than is wanted.
+
+    Parameters
+    ----------
+    file : str
+        For the message.
+    content : mapping
+    kind : str
+        "a scenario", "a sweep" or "an optimum".
+    """
+    for key, (found, command) in _KINDS.items():
+        expected = found == kind or (found, kind) == ("a sweep", "an optimum")
+        if key in content and not expected:
+            allowed = f"belongs to {found}, not to {kind}; {found} is played with `balloons {command}`"
+            raise ScenarioError(file, Problem(key, None, allowed))
 
 
 _BARE_QUANTITY = re.compile(r"([\w.-]+)\s*=\s*([-+]?\d[\d.]*(?:[eE][-+]?\d+)?\s*[^\W\d][\w/^*]*)")
@@ -59,7 +111,19 @@ def _hint(message: str, text: str) -> str:
 
 
 def read_table(path: str, scales: Scales | None) -> bytes:
-    """Times, then voltages, as float64, dimensionless."""
+    """Times, then voltages, of a table, as the bytes of float64; `column` reads them.
+
+    Parameters
+    ----------
+    path : str
+    scales : Scales or None
+        What the units in its titles are turned into dimensionless numbers with.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be read or is no such table.
+    """
     units_hint = " or, with units, time [s],voltage [kV]" if scales else ""
     rows, columns = _two_columns(path, (("time", "voltage"),), 2, partial(_factor, scales), units_hint)[1:]
     times = columns[0]
@@ -75,7 +139,15 @@ def read_table(path: str, scales: Scales | None) -> bytes:
 
 
 def read_curve(path: str) -> bytes:
-    """Stretches, then f(λ), as float64, from stretches and either pressures p = f/λ² or stresses f/2."""
+    """Stretches, then f(λ), of a measured curve, as the bytes of float64; `column` reads them.
+
+    The file has either pressures p = f/λ² or stresses f/2.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be read or is no such curve.
+    """
     name, rows, columns = _two_columns(path, (("stretch", "pressure"), ("stretch", "stress")), 6, _no_unit)
     stretches, values = columns
     starts = np.arange(stretches.size) == 0
@@ -89,6 +161,13 @@ def read_curve(path: str) -> bytes:
     )
     factor = stretches**2 if name == "pressure" else 2.0
     return np.array([stretches, values * factor]).tobytes()
+
+
+def column(samples: bytes, place: int) -> NDArray[np.float64]:
+    """One of the two columns that `read_table` or `read_curve` gave, (n,) read-only."""
+    # They are kept as bytes: an array comes out of a pickle writeable, and has no plain equality.
+    found: NDArray[np.float64] = np.frombuffer(samples).reshape(2, -1)[place]
+    return found
 
 
 _Row = tuple[int, str]

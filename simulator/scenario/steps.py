@@ -27,7 +27,7 @@ from simulator.scenario.fields import (
     not_empty,
     refused,
 )
-from simulator.scenario.reading import read_table
+from simulator.scenario.reading import column, read_table
 from simulator.units import as_written
 
 Valve = Annotated[Literal["closed", "open"], Field(description='"closed" or "open"')]
@@ -248,7 +248,6 @@ class Table(Frozen):
     )
     valve: Valve = "closed"
     until: OptionalUntil = None
-    # Bytes, because an array comes out of a pickle writeable and has no plain equality.
     _samples: bytes = PrivateAttr(default=b"")
 
     def model_post_init(self, context: Any, /) -> None:
@@ -258,14 +257,12 @@ class Table(Frozen):
     @property
     def times(self) -> NDArray[np.float64]:
         """Times of the rows from the start of the step, (n,) read-only; the first is 0."""
-        times: NDArray[np.float64] = np.frombuffer(self._samples).reshape(2, -1)[0]
-        return times
+        return column(self._samples, 0)
 
     @property
     def voltages(self) -> NDArray[np.float64]:
         """Voltages of the rows, (n,) read-only."""
-        voltages: NDArray[np.float64] = np.frombuffer(self._samples).reshape(2, -1)[1]
-        return voltages
+        return column(self._samples, 1)
 
 
 class Cycle(Frozen):

@@ -154,10 +154,10 @@ def _lines(scenario: Scenario) -> Iterator[str]:
 def _scales(scales: Scales) -> Iterator[str]:
     """What one of the dimensionless numbers below is worth."""
     given = ((units.MODULUS, "μ"), (units.THICKNESS, "H"), (units.RADIUS, "R"))
-    reference = ", ".join(f"{symbol} = {units.said(of, scales.of(of))}" for of, symbol in given)
+    reference = ", ".join(f"{symbol} = {units.with_prefix(of, scales.of(of))}" for of, symbol in given)
     yield f"reference balloon: {reference}, ε = {scales.permittivity:g} of the vacuum"
     for of in (units.PRESSURE, units.VOLTAGE, units.FIELD, units.CHARGE, units.ENERGY, units.TIME):
-        yield f"{of.scale} 1 is {units.said(of, scales.of(of))}"
+        yield f"{of.scale} 1 is {units.with_prefix(of, scales.of(of))}"
 
 
 def _breakdown_law(law: ConstantBreakdown | PowerBreakdown, thickness: float) -> str:

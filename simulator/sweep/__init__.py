@@ -6,6 +6,7 @@ column largest or smallest. See `docs/sweep.md`.
 """
 
 from simulator.sweep.loading import MissingExtra, load_sweep, load_table
+from simulator.sweep.lockstep.chunk import DisagreementError
 from simulator.sweep.lockstep.many import ManyRuns, simulate_many
 from simulator.sweep.optimum import Optimum, Question, optimize, read_question
 from simulator.sweep.plan import Sweep
@@ -13,6 +14,7 @@ from simulator.sweep.reading import read_sweep
 from simulator.sweep.running import ExecutorError, SweepResult, run_sweep
 
 __all__ = [
+    "DisagreementError",
     "ExecutorError",
     "ManyRuns",
     "MissingExtra",

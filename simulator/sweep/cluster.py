@@ -1,4 +1,4 @@
-"""The workers of a dask cluster as an executor; the only place that knows dask."""
+"""The workers of a dask cluster as an executor. Nothing else imports dask."""
 
 from __future__ import annotations
 

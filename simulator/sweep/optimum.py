@@ -1,4 +1,4 @@
-"""The best run of a scenario over some of its numbers, under conditions: thin, on SciPy.
+"""The best run of a scenario over some of its numbers, under conditions, found by SciPy.
 
 The grammar is that of a sweep, with intervals to search, a column to make large or small, and conditions
 on columns. Runs snap, so what is optimised jumps; differential evolution does not mind. Each point is
@@ -21,9 +21,9 @@ from pydantic import Field, ValidationError, ValidationInfo
 
 from simulator.results.files import write_files
 from simulator.scenario import Problem, ScenarioError
-from simulator.scenario.fields import Chosen, Float, Frozen, Int, refused
+from simulator.scenario.fields import Chosen, Float, Frozen, Int, problems_of, refused
 from simulator.scenario.mapping import near
-from simulator.scenario.reading import read_toml
+from simulator.scenario.reading import check_kind, read_toml
 from simulator.sweep.plan import Sweep
 from simulator.sweep.reading import read_sweep
 from simulator.sweep.rows import BEHAVIOURS, OUTCOMES, as_text, columns, play
@@ -103,13 +103,7 @@ class _Runs:
         key = tuple(place.tolist())
         if key not in self.rows:
             job = self.question.sweep.job
-            values = []
-            for axis, share in zip(job.axes, key, strict=True):
-                low, high = (float(value) for value in axis.values)
-                if axis.log:
-                    values.append(math.exp(math.log(low) + share * (math.log(high) - math.log(low))))
-                else:
-                    values.append(low + share * (high - low))
+            values = [float(axis.at(share)) for axis, share in zip(job.axes, key, strict=True)]
             self.rows[key] = play(job, len(self.rows), values)
             if self.progress:
                 self.progress(len(self.rows))
@@ -205,18 +199,15 @@ def read_question(source: QuestionLike) -> Question:
         return source
     if isinstance(source, Mapping):
         file, data = "<dict>", dict(source)
+        check_kind(file, data, "an optimum")
     else:
         file = os.fspath(source)
-        try:
-            data = read_toml(file)
-        except ValueError as error:
-            raise ScenarioError(file, Problem("", None, str(error))) from None
+        data = read_toml(file, "an optimum")
     own = {key: data.pop(key) for key in OptimumTable.model_fields if key in data}
     try:
         read = OptimumTable.model_validate(own)
     except ValidationError as error:
-        problems = [Problem(".".join(map(str, e["loc"])), e["input"], e["msg"]) for e in error.errors()]
-        raise ScenarioError(file, *problems) from None
+        raise ScenarioError(file, *problems_of(error)) from None
     if "sample" in data:
         raise ScenarioError(
             file, Problem("sample", data["sample"], "does not go with an optimum; see search")

@@ -1,4 +1,4 @@
-"""A sweep as data: the base scenario, what is varied, and the values of every run by its number."""
+"""A sweep as data: the base scenario, what is varied, and the values of every run, by the run's number."""
 
 from __future__ import annotations
 
@@ -44,6 +44,14 @@ class Axis:
             return "text"
         return "truth" if any(isinstance(value, bool) for value in self.values) else "number"
 
+    def at(self, share: FloatArray | float) -> FloatArray:
+        """The values at some shares of an interval, from 0 at its start to 1 at its end; the same shape."""
+        low, high = (float(value) for value in self.values)
+        if self.log:
+            low, high = np.log(low), np.log(high)
+        place = np.asarray(low + share * (high - low))
+        return np.exp(place) if self.log else place
+
     def written(self, value: Value) -> Value:
         """A value as it stands in the scenario."""
         return f"{value!r}{self.unit}" if self.unit else value
@@ -69,7 +77,15 @@ class Past:
 
 @dataclass(frozen=True)
 class Recorded:
-    """What a row has room for: voltages of so many limit points, and the keys of sensitivities."""
+    """What a row records besides what every row has.
+
+    Attributes
+    ----------
+    limit_points : int
+        The voltages of so many limit points.
+    sensitivities : tuple of str
+        The keys of numbers in which the first of them is differentiated.
+    """
 
     limit_points: int = 2
     sensitivities: tuple[str, ...] = ()
@@ -146,7 +162,7 @@ class Sweep:
         return tuple(sorted(drawn_runs.tolist()))
 
     def values(self, start: int, stop: int) -> list[tuple[Value, ...]]:
-        """The values of runs `start` to `stop` − 1, one for each axis."""
+        """The values of runs `start` to `stop` − 1, each a tuple with one for each axis; from 0."""
         if self.sample:
             return [tuple(row) for row in self._points[start:stop].tolist()]
         places = np.unravel_index(np.arange(start, stop), self.shape)
@@ -161,7 +177,18 @@ class Sweep:
 
 
 def drawn(sample: Sample, axes: tuple[Axis, ...]) -> FloatArray:
-    """Sample points in the axes' intervals, (size, n_axes). The same seed gives the same points."""
+    """Sample points in the axes' intervals. The same seed gives the same points.
+
+    Parameters
+    ----------
+    sample : Sample
+    axes : tuple of Axis
+        Intervals.
+
+    Returns
+    -------
+    (size, n_axes) array
+    """
     rng = np.random.default_rng(sample.seed)
     if sample.method == "random":
         unit = rng.random((sample.size, len(axes)))
@@ -170,11 +197,4 @@ def drawn(sample: Sample, axes: tuple[Axis, ...]) -> FloatArray:
 
         method = qmc.Sobol if sample.method == "sobol" else qmc.LatinHypercube
         unit = method(len(axes), seed=rng).random(sample.size)
-    points = np.empty_like(unit)
-    for i, axis in enumerate(axes):
-        low, high = (float(value) for value in axis.values)
-        if axis.log:
-            points[:, i] = np.exp(np.log(low) + unit[:, i] * (np.log(high) - np.log(low)))
-        else:
-            points[:, i] = low + unit[:, i] * (high - low)
-    return points
+    return np.column_stack([axis.at(unit[:, i]) for i, axis in enumerate(axes)])

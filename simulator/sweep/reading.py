@@ -1,4 +1,4 @@
-"""The sweep file: `read_sweep` reads and checks it.
+"""The sweep file, read and checked by `read_sweep`.
 
 The grammar is that of `docs/sweep.md`. As for a scenario, all problems are reported at once, each with
 file, key, value and what is allowed, in one `ScenarioError`.
@@ -17,10 +17,10 @@ from pydantic import Field, ValidationError, ValidationInfo
 
 from simulator import __version__
 from simulator.scenario import Cycle, Problem, Ramp, Scenario, ScenarioError, load_scenario
-from simulator.scenario.fields import Chosen, Float, Frozen, Int, Text, refused
+from simulator.scenario.fields import Chosen, Float, Frozen, Int, Text, problems_of, refused
 from simulator.scenario.keys import all_keys, physical_keys
-from simulator.scenario.mapping import near, quantity, value_at, with_values
-from simulator.scenario.reading import read_toml
+from simulator.scenario.mapping import near, number_and_unit, value_at, with_values
+from simulator.scenario.reading import check_kind, read_toml
 from simulator.sweep.plan import Axis, Job, Past, Recorded, Sample, Sweep, Value, drawn
 
 MAX_RUNS = 10_000_000
@@ -30,7 +30,7 @@ _CHECKED = 200  # values of an axis that are tried beforehand, its ends among th
 
 
 def _bound(value: Any, _: ValidationInfo) -> tuple[float, str]:
-    found = quantity(value)
+    found = number_and_unit(value)
     if found is None or not np.isfinite(found[0]):
         raise refused('must be a finite number, or a text such as "2 kPa"', value)
     return found
@@ -58,7 +58,7 @@ def _axis(value: Any, _: ValidationInfo) -> Range | tuple[Value, ...]:
     items = [item.item() if isinstance(item, np.generic) else item for item in value]
     if not items:
         raise refused("must have one or more values", items)
-    kinds = {"number" if quantity(i) and not isinstance(i, str) else type(i).__name__ for i in items}
+    kinds = {"number" if number_and_unit(i) and not isinstance(i, str) else type(i).__name__ for i in items}
     if not kinds <= {"number"} and kinds not in ({"str"}, {"bool"}):
         raise refused("must be all numbers, all texts or all true or false", items)
     values: tuple[Value, ...] = tuple(float(i) for i in items) if kinds == {"number"} else tuple(items)
@@ -158,19 +158,14 @@ def read_sweep(source: SweepLike, *, file: str | None = None) -> Sweep:
         file = file or "<dict>"
         if isinstance(data.get("scenario"), Mapping):
             base, data["scenario"] = data["scenario"], "<dict>"
+        check_kind(file, data, "a sweep")
     else:
         file, folder = os.fspath(source), os.path.dirname(os.fspath(source))
-        try:
-            data = read_toml(file)
-        except ValueError as error:
-            raise ScenarioError(file, Problem("", None, str(error))) from None
-    _refuse_other_kinds(file, data)
+        data = read_toml(file, "a sweep")
     try:
         read = SweepFile.model_validate(data)
     except ValidationError as error:
-        raise ScenarioError(
-            file, *(Problem(_quoted(e["loc"]), e["input"], e["msg"]) for e in error.errors())
-        ) from None
+        raise ScenarioError(file, *problems_of(error, _quoted)) from None
     scenario = load_scenario(os.path.join(folder, read.scenario) if base is None else base)
     axes = tuple(_as_axis(key, values) for key, values in read.vary.items())
     problems = [*_of_form(read, axes)]
@@ -178,20 +173,6 @@ def read_sweep(source: SweepLike, *, file: str | None = None) -> Sweep:
     if problems:
         raise ScenarioError(file, *problems)
     return _sweep(file, read, scenario, axes)
-
-
-def _refuse_other_kinds(file: str, data: Mapping[str, Any]) -> None:
-    """Raise ScenarioError for a file that is a scenario or asks for an optimum."""
-    kinds = {
-        "gas": ("a scenario", "run"),
-        "balloon": ("a scenario", "run"),
-        "maximize": ("an optimum", "optimize"),
-        "minimize": ("an optimum", "optimize"),
-    }
-    for key, (kind, command) in kinds.items():
-        if key in data:
-            allowed = f"belongs to {kind}, not to a sweep; {kind} is played with `balloons {command}`"
-            raise ScenarioError(file, Problem(key, None, allowed))
 
 
 def _sweep(file: str, read: SweepFile, scenario: Scenario, axes: tuple[Axis, ...]) -> Sweep:
@@ -330,7 +311,7 @@ def _of_past(scenario: Scenario, key: str, axes: tuple[Axis, ...]) -> Iterator[P
         yield Problem(name, None, f"must be a ramp of the scenario, {' or '.join(ramps) or 'it has none'}")
     elif any(isinstance(step, Cycle) for step in steps[:place]):
         yield Problem(name, None, "must come before any cycle")
-    elif quantity(value_at(scenario.to_dict(), key)) is None:
+    elif number_and_unit(value_at(scenario.to_dict(), key)) is None:
         yield Problem(name, None, "must be one number for all electrodes")
     elif any(axis.key == key for axis in axes):
         yield Problem(name, None, "is varied, too; it can be one of both")

@@ -98,7 +98,17 @@ def columns(job: Job) -> dict[str, str]:
 
 
 def play_chunk(job: Job, task: Task) -> str:
-    """The rows of a task as CSV text without a header; what a worker process is asked for.
+    """Play the runs of a task; this is what a worker process calls.
+
+    Parameters
+    ----------
+    job : Job
+    task : Task
+
+    Returns
+    -------
+    str
+        The rows as CSV text without a header, columns as in `columns`.
 
     Raises
     ------
@@ -137,7 +147,21 @@ def _cell(value: object) -> str | int | float:
 
 
 def play(job: Job, index: int, values: Sequence[Value]) -> dict[str, Any]:
-    """One run as a row, by column; what went wrong is in `error`, and what is not known is left out."""
+    """Play one run.
+
+    Parameters
+    ----------
+    job : Job
+    index : int
+        From 0.
+    values : sequence
+        One for each axis.
+
+    Returns
+    -------
+    dict
+        The row by column. What went wrong is in `error`; what the run does not have is left out.
+    """
     started = time.perf_counter()
     row: dict[str, Any] = {"run": index + 1, **{a.key: v for a, v in zip(job.axes, values, strict=True)}}
     written = {axis.key: axis.written(value) for axis, value in zip(job.axes, values, strict=True)}
@@ -191,7 +215,14 @@ def _turned(events: Sequence[Event], step: int) -> Event | None:
 
 
 def facts(history: History, limit_points: int) -> dict[str, Any]:
-    """What a row says of a history."""
+    """What a row says of a history, by column.
+
+    Parameters
+    ----------
+    history : History
+    limit_points : int
+        The voltages of at most so many of them.
+    """
     opening = sum(
         1 for _ in takewhile(lambda step: isinstance(step, Inflate), history.scenario.played_steps())
     )

@@ -197,7 +197,7 @@ class _Campaign:
                     self.progress(there, self.sweep.size)
 
     def _changed(self, tables: dict[str, tuple[int, int]]) -> NoReturn:
-        """A table was written to while it was being read: which rows saw what cannot be told."""
+        """Stop: a table was written to meanwhile, and nobody can say which runs read which content."""
         now = _signatures(self.sweep)
         path = next(path for path, was in tables.items() if now.get(path) != was)
         text = "was changed while the sweep ran; rows written before are of the table as it was"

@@ -1,15 +1,11 @@
-"""Pictures of histories and of equilibrium paths; functions take axes and return them."""
+"""Pictures of histories and of equilibrium paths.
 
-from simulator.results.plot.curve import (
-    draw_curves_png,
-    draw_fold_png,
-    draw_path,
-    plot_curves,
-    plot_fold,
-    plot_paths,
-)
+Functions that draw into axes take them and return them; those that make a whole figure return it. `png` makes
+a file of a figure.
+"""
+
+from simulator.results.plot.curve import draw_path, plot_curves, plot_fold, plot_paths
 from simulator.results.plot.history import (
-    draw_png,
     plot_histories,
     plot_history,
     plot_loop,
@@ -17,15 +13,12 @@ from simulator.results.plot.history import (
     plot_stretches,
     plot_voltage,
 )
-from simulator.results.plot.style import COLOURS, MARKERS
+from simulator.results.plot.style import COLOURS, MARKERS, png
 
 __all__ = [
     "COLOURS",
     "MARKERS",
-    "draw_curves_png",
-    "draw_fold_png",
     "draw_path",
-    "draw_png",
     "plot_curves",
     "plot_fold",
     "plot_histories",
@@ -35,4 +28,5 @@ __all__ = [
     "plot_pressure",
     "plot_stretches",
     "plot_voltage",
+    "png",
 ]

@@ -12,8 +12,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from simulator.results.plot.quantities import add_stretch_axis, shown_curves, shown_fold
-from simulator.results.plot.style import COLOURS, GREY, dress, mark, marker_style, png
+from simulator.results.plot.axes import add_stretch_axis, shown_curves, shown_fold
+from simulator.results.plot.style import COLOURS, GREY, dress, mark, marker_style
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -52,11 +52,6 @@ def plot_curves(curves: Sequence[Curve]) -> Figure:
     return figure
 
 
-def draw_curves_png(curves: Sequence[Curve], dots_per_inch: float = 150.0) -> bytes:
-    """The picture of `plot_curves` as the bytes of a PNG file."""
-    return png(plot_curves(curves), dots_per_inch)
-
-
 def plot_fold(curve: FoldCurve) -> Figure:
     """Draw a limit point's voltage (of an inflation: its pressure) over the number that changes."""
     figure = Figure(figsize=(6.4, 4.6), layout="constrained")
@@ -80,11 +75,6 @@ def plot_fold(curve: FoldCurve) -> Figure:
     ax.set_ylabel(shown if inflation else f"voltage of the limit point  {labels.voltage}")
     ax.set_title(fill(curve.title, 60), parse_math=False, fontsize=12, fontweight="bold")
     return figure
-
-
-def draw_fold_png(curve: FoldCurve, dots_per_inch: float = 150.0) -> bytes:
-    """The picture of `plot_fold` as the bytes of a PNG file."""
-    return png(plot_fold(curve), dots_per_inch)
 
 
 def plot_paths(curves: Sequence[Curve], ax: Axes) -> Axes:

@@ -7,7 +7,6 @@ are states the balloons went through; a jump is dashed, since nothing in between
 from __future__ import annotations
 
 from collections import Counter
-from itertools import pairwise
 from math import ceil, dist
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
@@ -19,9 +18,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from simulator.events import WORDS, EventKind, Outcome
-from simulator.results.html import ending
+from simulator.results.plot.axes import Labels, add_stretch_axis, shown_history
+from simulator.results.plot.lines import draw_in_time, is_crowded
 from simulator.results.plot.loops import (
-    GRID,
     cell,
     distinct_jumps,
     first_passages,
@@ -31,7 +30,6 @@ from simulator.results.plot.loops import (
     span,
     travelled,
 )
-from simulator.results.plot.quantities import Labels, add_stretch_axis, shown_history
 from simulator.results.plot.style import (
     BLACK,
     COLOURS,
@@ -40,8 +38,8 @@ from simulator.results.plot.style import (
     dress,
     mark,
     marker_style,
-    png,
 )
+from simulator.results.record import ending
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -67,8 +65,6 @@ END_STYLE: dict[str, Any] = {
 }
 
 # Beyond these a picture gains ink and no information.
-MOST_POINTS = 3000
-MOST_TURNS = 150
 MOST_MARKED_EVENTS = 40
 LEGEND_COLUMNS = 6
 
@@ -116,11 +112,6 @@ def plot_history(history: History) -> Figure:
     return figure
 
 
-def draw_png(history: History, dots_per_inch: float = 150.0) -> bytes:
-    """The picture of `plot_history` as the bytes of a PNG file."""
-    return png(plot_history(history), dots_per_inch)
-
-
 def plot_voltage(history: History, ax: Axes) -> Axes:
     """Draw the voltage of every electroded balloon in time; one black line where all are the same.
 
@@ -137,10 +128,10 @@ def plot_voltage(history: History, ax: Axes) -> Axes:
     history, labels = shown_history(history)
     voltage = history.voltage
     if _is_common(voltage):
-        _draw_in_time(history, voltage[:, 0], ax, BLACK, 1.5)
+        draw_in_time(history, voltage[:, 0], ax, BLACK, 1.5)
     else:
         for i, name in enumerate(history.electroded):
-            _draw_in_time(history, voltage[:, i], ax, _colour(history, name), _width(i))
+            draw_in_time(history, voltage[:, i], ax, _colour(history, name), _width(i))
     return _dress_time_axes(ax, labels, f"voltage\n{labels.voltage}")
 
 
@@ -158,7 +149,7 @@ def plot_pressure(history: History, ax: Axes) -> Axes:
         The same axes.
     """
     history, labels = shown_history(history)
-    _draw_in_time(history, history.pressure, ax, BLACK, 1.5)
+    draw_in_time(history, history.pressure, ax, BLACK, 1.5)
     return _dress_time_axes(ax, labels, f"pressure\n{labels.pressure}")
 
 
@@ -179,7 +170,7 @@ def plot_stretches(history: History, ax: Axes) -> Axes:
     """
     history, labels = shown_history(history)
     for i, name in enumerate(history.balloons):
-        _draw_in_time(history, history.stretch[:, i], ax, _colour(history, name), _width(i))
+        draw_in_time(history, history.stretch[:, i], ax, _colour(history, name), _width(i))
     if len(history.events) <= MOST_MARKED_EVENTS:
         for event in history.events:
             mark(event.kind, event.time, event.stretch_before[_most_moved(history, event)], ax)
@@ -238,64 +229,6 @@ def plot_loop(history: History, ax: Axes, *, colour: str | None = None) -> Axes:
     return dress(ax)
 
 
-def _draw_in_time(history: History, values: FloatArray, ax: Axes, colour: str, width: float) -> None:
-    """A line in time, solid along a branch and dashed from one to the next; where crowded, a band."""
-    if not values.size:
-        return
-    if _is_crowded(values):
-        starts = _bins(values.size, _turns(values) // 4)
-        low, high = np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
-        # Each bin reaches to the next one's first sample, and the last to the end.
-        edges = history.time[np.append(starts, values.size - 1)]
-        bounds = np.append(low, low[-1]), np.append(high, high[-1])
-        ax.fill_between(edges, *bounds, step="post", color=colour, alpha=0.35, linewidth=0.0)
-        return
-    kept = _envelope(values, last_of_branches(history.branch))
-    unmoved = span(values) / GRID
-    time, values, branch = history.time[kept], values[kept], history.branch[kept]
-    # A jump of another quantity leaves this line whole.
-    joined = np.asarray((np.diff(branch) == 0) | (np.abs(np.diff(values)) < unmoved))
-    ax.plot(*polyline(time, values, joined), color=colour, linewidth=width, solid_capstyle="round")
-    ends = np.flatnonzero(~joined)
-    gap = np.full(ends.size, np.nan)
-    ax.plot(
-        np.column_stack([time[ends], time[ends + 1], gap]).ravel(),
-        np.column_stack([values[ends], values[ends + 1], gap]).ravel(),
-        color=colour,
-        linewidth=1.2,
-        linestyle="--",
-    )
-
-
-def _is_crowded(values: FloatArray) -> bool:
-    """Whether a line in time goes up and down so often that it would fill the panel like a wall."""
-    return _turns(values) > MOST_TURNS
-
-
-def _turns(values: FloatArray) -> int:
-    # To within the grid: rounding errors of a constant turn at every sample.
-    moves = np.sign(np.diff(np.round(values / span(values) * GRID)))
-    moves = moves[moves != 0]
-    return int(np.count_nonzero(np.diff(moves)))
-
-
-def _bins(size: int, count: int) -> IntArray:
-    """First indices of `count` consecutive bins, at most 400."""
-    edges = np.linspace(0, size, min(count, 400), endpoint=False)
-    return edges.astype(np.int64)
-
-
-def _envelope(values: FloatArray, ends: IntArray) -> IntArray:
-    """Indices that draw the same line with few points: extremes of consecutive bins, and all jumps."""
-    if values.size <= MOST_POINTS:
-        return np.arange(values.size)
-    starts = np.linspace(0, values.size, MOST_POINTS // 2 + 1).astype(np.int64)
-    bins = list(pairwise(starts))
-    highest = [a + int(np.argmax(values[a:b])) for a, b in bins]
-    lowest = [a + int(np.argmin(values[a:b])) for a, b in bins]
-    return np.unique(np.concatenate([[0, values.size - 1], highest, lowest, ends, ends + 1])).astype(np.int64)
-
-
 def _distinct_marks(history: History, balloon: int, spans: FloatArray) -> list[tuple[EventKind, Point]]:
     """Kind and place of the events that concern the balloon shown, each place once."""
     marks: dict[tuple[EventKind, int, int], tuple[EventKind, Point]] = {}
@@ -327,7 +260,7 @@ def _legend(history: History) -> list[Artist]:
     ]
     if _is_common(voltage):
         handles.append(Line2D([], [], color=BLACK, linewidth=1.5, label="voltage, the same on all"))
-    if any(_is_crowded(values) for values in stretch.T if values.size):
+    if any(is_crowded(values) for values in stretch.T if values.size):
         handles.append(Patch(color=GREY, alpha=0.35, linewidth=0.0, label="range over many cycles"))
     kinds = Counter(event.kind for event in history.events)
     if last_of_branches(history.branch).size:

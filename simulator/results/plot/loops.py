@@ -1,4 +1,8 @@
-"""The stretch–voltage loop as lines and arrows: what is drawn of a path that is passed again and again."""
+"""The stretch–voltage loop as lines and arrows: what is drawn of a path that is passed again and again.
+
+Throughout, `x` and `y` are the (n,) samples in the numbers of the axes, `branch` their (n,) branches, and
+`spans` the width and height of the panel, (2,). Points closer than 1/1000 of it are one point, `GRID`.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +24,10 @@ GRID = 1000  # a loop's points closer than 1/1000 of its height or width are one
 
 
 def polyline(x: FloatArray, y: FloatArray, drawn: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Points of a line that is broken (by NaN) wherever the segment to the next point is not drawn."""
+    """Points of a line that is broken (by NaN) where the segment to the next point is not drawn.
+
+    `drawn` is (n − 1,), one for each segment.
+    """
     # Points with no drawn segment on either side go, so that a thousand retraced cycles cost nothing.
     kept = np.flatnonzero(np.append(drawn, False) | np.insert(drawn, 0, False))
     joined = drawn[kept[:-1]] & (np.diff(kept) == 1)
@@ -29,7 +36,7 @@ def polyline(x: FloatArray, y: FloatArray, drawn: BoolArray) -> tuple[FloatArray
 
 
 def moving(x: FloatArray, y: FloatArray, branch: IntArray, spans: FloatArray) -> BoolArray:
-    """Samples that are somewhere else than the one before, and both ends of every branch."""
+    """Which samples are somewhere else than the one before, or an end of a branch, (n,)."""
     places = cells(x, y, spans)
     jumps = np.diff(branch) != 0
     moved = np.any(np.diff(places, axis=0) != 0, axis=1) | jumps
@@ -37,12 +44,12 @@ def moving(x: FloatArray, y: FloatArray, branch: IntArray, spans: FloatArray) ->
 
 
 def cells(x: FloatArray, y: FloatArray, spans: FloatArray) -> IntArray:
-    """Points on a grid of the panel, (n, 2)."""
+    """The places of points on the grid, (n, 2)."""
     return np.round(np.column_stack([x, y]) / spans * GRID).astype(np.int64)
 
 
 def first_passages(x: FloatArray, y: FloatArray, branch: IntArray, spans: FloatArray) -> BoolArray:
-    """Of the segments between samples, those on one branch that were not drawn before, to within the grid."""
+    """Which segments, (n − 1,), are on one branch and were not passed before, to within the grid."""
     places = cells(x, y, spans)
     steps = np.column_stack([places[:-1], places[1:]])
     first = np.zeros(len(steps), dtype=bool)
@@ -53,7 +60,10 @@ def first_passages(x: FloatArray, y: FloatArray, branch: IntArray, spans: FloatA
 
 
 def travelled(x: FloatArray, y: FloatArray, drawn: BoolArray, spans: FloatArray) -> list[tuple[Point, Point]]:
-    """Where to show the direction of travel: a short piece inside each long stretch of one direction."""
+    """Where to show the direction of travel: the ends of a short piece inside each long way in one direction.
+
+    `drawn` is (n − 1,), one for each segment. At most `MOST_ARROWS` of them, the longest first.
+    """
     direction = np.where(drawn, np.sign(np.diff(x)), 0)
     turns = np.flatnonzero(np.diff(direction)) + 1
     scaled = np.column_stack([x, y]) / spans
@@ -76,9 +86,10 @@ def travelled(x: FloatArray, y: FloatArray, drawn: BoolArray, spans: FloatArray)
 def distinct_jumps(
     x: FloatArray, y: FloatArray, branch: IntArray, spans: FloatArray, first_the_drive: BoolArray
 ) -> list[tuple[Point, Point, Point]]:
-    """Before, corner and after of every jump that looks different.
+    """The points before and after every jump that looks different, with a corner between them.
 
-    Where a voltage jumps, first the drive moves, then the state. At a given charge a snap moves both at once.
+    `first_the_drive` is (n,) and says at which samples a voltage was about to jump. There, first the drive
+    moves, then the state. At a given charge a snap moves both at once.
     """
     jumps: dict[tuple[int, ...], tuple[Point, Point, Point]] = {}
     for i in last_of_branches(branch):
@@ -92,7 +103,7 @@ def distinct_jumps(
 
 
 def cell(at: Point, spans: FloatArray) -> tuple[int, int]:
-    """One point on that grid."""
+    """The place of one point on the grid."""
     return round(at[0] / spans[0] * GRID), round(at[1] / spans[1] * GRID)
 
 

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from simulator.results.plot.style import BLACK, COLOURS, PRESSURE, VOLTAGE, png
+from simulator.results.plot.style import BLACK, COLOURS, PRESSURE, VOLTAGE
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -161,11 +161,6 @@ def plot_map(
     # Titles are the user's words: a dollar sign in them is money, not mathematics.
     figure.suptitle(fill(title, 80), parse_math=False, fontsize=12, fontweight="bold")
     return figure
-
-
-def draw_map_png(*words: Any, dots_per_inch: float = 150.0, **more: Any) -> bytes:
-    """The picture of `plot_map` as the bytes of a PNG file."""
-    return png(plot_map(*words, **more), dots_per_inch)
 
 
 _LINES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.5)), (0, (5, 2, 1, 2)))

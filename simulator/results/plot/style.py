@@ -41,14 +41,20 @@ MARKER_SIZES: dict[str, float] = {
 
 
 def png(figure: Figure, dots_per_inch: float = 150.0) -> bytes:
-    """A figure as the bytes of a PNG file; the same figure gives the same bytes."""
+    """A figure as the bytes of a PNG file; the same figure gives the same bytes.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    dots_per_inch : float
+    """
     stream = BytesIO()
     figure.savefig(stream, format="png", dpi=dots_per_inch, metadata={"Software": None})
     return stream.getvalue()
 
 
 def mark(kind: str, x: float, y: float, ax: Axes) -> None:
-    """Put the marker of an event or a special point somewhere."""
+    """Put the marker of an event or a special point at (x, y), in the numbers of the axes."""
     ax.plot([x], [y], zorder=5, **marker_style(kind))
 
 
@@ -65,7 +71,7 @@ def marker_style(kind: str) -> dict[str, Any]:
 
 
 def arrowhead(start: Point, end: Point, ax: Axes, colour: str) -> None:
-    """A head without a shaft, at the end of a line from `start` to `end`."""
+    """Draw a head without a shaft at the end of a line from `start` to `end`, each an (x, y) of the axes."""
     ax.annotate(
         "",
         xy=end,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from simulator import __version__
-from simulator.scenario import Problem, Scenario, ScenarioError
+from simulator.scenario import Problem, ScenarioError, ScenarioLike, load_scenario
 from simulator.scenario.keys import all_keys
 from simulator.scenario.mapping import near
 from simulator.sweep.lockstep import chunk
@@ -45,23 +45,30 @@ class ManyRuns:
         return pd.DataFrame(dict(self.columns))
 
 
-def simulate_many(scenario: Scenario, values: Mapping[str, ArrayLike], *, limit_points: int = 2) -> ManyRuns:
+def simulate_many(
+    scenario: ScenarioLike, values: Mapping[str, ArrayLike], *, limit_points: int = 2
+) -> ManyRuns:
     """Play a scenario many times, in lockstep where that is possible, in this process.
 
     Parameters
     ----------
-    scenario : Scenario
-        From `load_scenario`.
+    scenario : Scenario, path or mapping
+        From `load_scenario`, or what that takes.
     values : mapping of str to array_like
         For each key of the scenario that varies, such as "gas.ambient_pressure", a number for each run, all
         arrays of one length, or one number for all.
     limit_points : int
         Of how many of them the voltages are recorded.
 
+    Returns
+    -------
+    ManyRuns
+
     Raises
     ------
     ScenarioError
-        If a key is not there. Values that make no scenario are runs with the outcome "refused".
+        If the scenario makes no sense, or a key is not there. Values that make no scenario are runs with the
+        outcome "refused".
     ValueError
         If the arrays are not of one length.
     DisagreementError
@@ -69,9 +76,12 @@ def simulate_many(scenario: Scenario, values: Mapping[str, ArrayLike], *, limit_
 
     Examples
     --------
-    >>> runs = simulate_many(scenario, {"gas.ambient_pressure": np.geomspace(0.01, 1.0, 1000)})
-    >>> runs["limit_point_1_voltage_active"].max()
+    >>> import numpy as np
+    >>> runs = simulate_many(scenario, {"gas.ambient_pressure": np.geomspace(0.01, 0.2, 300)})
+    >>> round(float(runs["limit_point_1_voltage_active"].max()), 6)
+    0.395319
     """
+    scenario = load_scenario(scenario)
     known = all_keys(scenario)
     for key in values:
         if key not in known and ".*." not in key:

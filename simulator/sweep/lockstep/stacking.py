@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
@@ -138,7 +138,6 @@ def rule(job: Job, base: Sequence[Value], ranges: Sequence[tuple[float, float] |
     if not known(first[0]):
         raise NotCovered("an elastomer")
     shape, start = form(first), np.array(list(numbers(first)))
-    follows: dict[int, int] = {}
 
     def at(values: Sequence[Value]) -> FloatArray:
         found = subject(job, values)
@@ -146,37 +145,49 @@ def rule(job: Job, base: Sequence[Value], ranges: Sequence[tuple[float, float] |
             raise NotCovered("a number that changes what the scenario is made of")
         return np.array(list(numbers(found)))
 
-    moving = [axis for axis, span in enumerate(ranges) if span is not None]
-    for axis in moving:
-        low, high = ranges[axis]  # type: ignore[misc]
+    intervals = {axis: span for axis, span in enumerate(ranges) if span is not None}
+    follows = _followed(job, base, intervals, start, at)
+    for chosen in _tried(intervals, len(ranges)):
+        values = [chosen.get(k, b) for k, b in enumerate(base)]
+        wanted = start.copy()
+        for place, axis in follows.items():
+            wanted[place] = start[place] * (float(values[axis]) / float(base[axis]))
+        if not np.allclose(at(values), wanted, rtol=_SAME, atol=0.0):
+            raise NotCovered("a number that does not move in proportion")
+    return Rule(first, start, follows)
+
+
+def _followed(
+    job: Job,
+    base: Sequence[Value],
+    intervals: Mapping[int, tuple[float, float]],
+    start: FloatArray,
+    at: Callable[[Sequence[Value]], FloatArray],
+) -> dict[int, int]:
+    """Which axis each number that moves follows, found at both ends of every interval. Raises NotCovered."""
+    follows: dict[int, int] = {}
+    for axis, (low, high) in intervals.items():
         if low == high:
             continue
         if not float(base[axis]) or not job.axes[axis].kind == "number":
             raise NotCovered("an axis whose base is zero")
-        for value in (low, high):
-            if value == base[axis]:
-                continue
+        for value in (end for end in (low, high) if end != base[axis]):
             found = at([value if k == axis else b for k, b in enumerate(base)])
             for place in np.flatnonzero(found != start).tolist():
                 if follows.setdefault(place, axis) != axis:
                     raise NotCovered("a number that follows two axes")
-    rng = np.random.default_rng(len(moving))
-    tries: list[dict[int, float]] = []
-    if 2 ** len(moving) <= _MOST_CORNERS:
-        ends = [ranges[axis] for axis in moving]
-        tries += [dict(zip(moving, corner, strict=True)) for corner in itertools.product(*ends)]  # type: ignore[arg-type]
+    return follows
+
+
+def _tried(intervals: Mapping[int, tuple[float, float]], axes: int) -> Iterator[dict[int, float]]:
+    """Places in the box of some intervals at which a rule is tried: its corners, if few, and some inside."""
+    if 2 ** len(intervals) <= _MOST_CORNERS:
+        for corner in itertools.product(*intervals.values()):
+            yield dict(zip(intervals, corner, strict=True))
+    rng = np.random.default_rng(len(intervals))
     for _ in range(_TRIED):
-        share = rng.random(len(ranges))
-        tries.append({k: float(ranges[k][0] + share[k] * (ranges[k][1] - ranges[k][0])) for k in moving})  # type: ignore[index]
-    for chosen in tries:
-        values = [chosen.get(k, b) for k, b in enumerate(base)]
-        found = at(values)
-        wanted = start.copy()
-        for place, axis in follows.items():
-            wanted[place] = start[place] * (float(values[axis]) / float(base[axis]))
-        if not np.allclose(found, wanted, rtol=_SAME, atol=0.0):
-            raise NotCovered("a number that does not move in proportion")
-    return Rule(first, start, follows)
+        share = rng.random(axes)
+        yield {k: float(low + share[k] * (high - low)) for k, (low, high) in intervals.items()}
 
 
 def covered(sweep: Sweep) -> bool:

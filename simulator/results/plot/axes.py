@@ -65,7 +65,15 @@ def shown_history(history: History) -> tuple[History, Labels]:
 def shown_curves(curves: Sequence[Curve], farthest: float) -> tuple[Sequence[Curve], Labels]:
     """Paths of the same balloons in the numbers of their axes, and the labels of these.
 
-    `farthest` is the largest voltage (of an inflation: pressure) that is drawn, dimensionless.
+    Parameters
+    ----------
+    curves : sequence of Curve
+    farthest : float
+        The largest voltage (of an inflation: pressure) that is drawn, dimensionless.
+
+    Returns
+    -------
+    (sequence of Curve, Labels)
     """
     scales = curves[0].scales
     if scales is None:
@@ -109,7 +117,14 @@ def shown_fold(curve: FoldCurve) -> tuple[FoldCurve, Labels, str]:
 
 
 def add_stretch_axis(ax: Axes, unstretched: float) -> None:
-    """The stretch at the right of axes that show the radius of one balloon."""
+    """Add the stretch at the right of axes that show the radius of one balloon.
+
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes
+    unstretched : float
+        Radius of the unstretched balloon in the unit of the axes.
+    """
 
     def stretch(radius: FloatArray) -> FloatArray:
         return radius / unstretched

@@ -1,4 +1,4 @@
-"""What the numbers of a scenario measure, and numbers that go with it from elsewhere."""
+"""What the numbers of a scenario measure; numbers from elsewhere, such as an option, that go with it."""
 
 from __future__ import annotations
 
@@ -13,9 +13,14 @@ from simulator.units import Dimension
 
 
 def dimension_of(scenario: Scenario, key: str) -> Dimension | None:
-    """What a number of a scenario measures, by its dotted key; None where it never has a unit.
+    """What a number of a scenario measures; None where it never has a unit.
 
-    `balloon.<name>.…` as in error messages, `balloon.*.…` for all balloons.
+    Parameters
+    ----------
+    scenario : Scenario
+    key : str
+        Dotted, and one that the scenario has: `balloon.<name>.…` as in error messages, `balloon.*.…` for all
+        balloons.
     """
     here: Any = scenario
     *places, last = key.split(".")
