@@ -60,6 +60,8 @@ class Event:
     dissipated : float or None
         Potential lost in the jump, Π before − Π after at the drive of the event. None where there
         is no after side.
+    balloon, mode : str or None
+        Of an event of a balloon's shape: which balloon, and what it would turn into, "pear" or "shear".
     """
 
     time: float
@@ -73,6 +75,8 @@ class Event:
     field_before: FloatArray
     field_after: FloatArray | None
     dissipated: float | None
+    balloon: str | None = None
+    mode: str | None = None
 
 
 @dataclass(frozen=True)
@@ -170,6 +174,8 @@ class History:
         Names of the balloons whose film has a dielectric strength, in the order of the columns below.
     strength, margin : (n_samples, n_rated) arrays
         The strength E_b of each film, and 1 − |E|/E_b, how far it is from breakdown.
+    sphericity : (n_samples, n_balloons) array
+        How far each balloon is from turning into a pear, over μ; empty with `[shape] on_loss = "ignore"`.
     """
 
     scenario: Scenario
@@ -195,6 +201,7 @@ class History:
     rated: tuple[str, ...] = ()
     strength: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
     margin: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
+    sphericity: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
 
     def __len__(self) -> int:
         return int(self.time.size)

@@ -55,7 +55,8 @@ def history_columns(history: History) -> Columns:
     dict of str to (n_samples,) array
         `time`, `step`, `branch`, `voltage_<name>` of each electroded balloon, `stretch_<name>` of
         each balloon, `pressure`, `volume`, `gas`, `field_<name>`, `charge_<name>`, `energy`,
-        `stability`, `margin_<name>` of each film with a strength. Dimensionless, see `History`; with
+        `stability`, `margin_<name>` of each film with a strength, `sphericity_<name>` of each balloon unless
+        it is ignored. Dimensionless, see `History`; with
         [scales] the same in SI units after them.
     """
     columns = {
@@ -72,6 +73,7 @@ def history_columns(history: History) -> Columns:
         "energy": history.energy,
         "stability": history.stability,
         **_by_name("margin", history.rated, history.margin),
+        **(_by_name("sphericity", history.balloons, history.sphericity) if history.sphericity.size else {}),
     }
     return _with_si(columns, history)
 
@@ -86,7 +88,8 @@ def event_columns(history: History) -> Columns:
     Returns
     -------
     dict of str to (n_events,) array
-        `time`, `step`, `kind`, `voltage_<name>`, `stretch_<name>_before`, `stretch_<name>_after`,
+        `time`, `step`, `kind`, `balloon` and `mode` of an event of shape, `voltage_<name>`,
+        `stretch_<name>_before`, `stretch_<name>_after`,
         `pressure_before`, `pressure_after`, `field_<name>_before`, `field_<name>_after`,
         `dissipated`. The two sides of one balloon stand next to each other. With [scales] the same in
         SI units after them.
@@ -107,6 +110,8 @@ def event_columns(history: History) -> Columns:
         "time": np.array([event.time for event in events], dtype=float),
         "step": np.array([event.step for event in events], dtype=np.int64),
         "kind": np.array([event.kind.value for event in events], dtype=object),
+        "balloon": np.array([event.balloon or "" for event in events], dtype=object),
+        "mode": np.array([event.mode or "" for event in events], dtype=object),
         **_by_name("voltage", electroded, _stacked(events, "voltage", len(electroded))),
         **sides("stretch", balloons),
         "pressure_before": _stacked(events, "pressure_before", 1)[:, 0],

@@ -14,7 +14,7 @@ from simulator.scenario.device import (
     Maxwell,
     PowerBreakdown,
 )
-from simulator.scenario.document import Dynamics, Output, Scenario, Solver, load_scenario
+from simulator.scenario.document import Dynamics, Output, Scenario, Shape, Solver, load_scenario
 from simulator.scenario.elastomer import (
     ArrudaBoyce,
     Elastomer,
@@ -89,6 +89,7 @@ __all__ = [
     "Reference",
     "Scenario",
     "ScenarioError",
+    "Shape",
     "Sine",
     "SineByName",
     "SineWave",

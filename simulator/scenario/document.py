@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, PlainSerializer, PrivateAttr, TypeAdapter, ValidationError
 
@@ -43,6 +43,14 @@ class Dynamics(Frozen):
         return self.relaxation_time[name] if isinstance(self.relaxation_time, dict) else self.relaxation_time
 
 
+class Shape(Frozen):
+    """What is done where a balloon would no longer stay a sphere."""
+
+    on_loss: Annotated[
+        Literal["record", "stop", "ignore"], Field(description='"record", "stop" or "ignore"')
+    ] = "record"
+
+
 class Solver(Frozen):
     """Settings of the integrator."""
 
@@ -68,6 +76,7 @@ class Scenario(Frozen):
         alias="step", description="one or more [[step]] tables"
     )
     dynamics: Annotated[Dynamics | None, Field(description="a table with relaxation_time")] = None
+    shape: Annotated[Shape, Field(description="a table with on_loss")] = Shape()
     output: Annotated[Output, Field(description="a table with points or every")] = Output()
     solver: Annotated[Solver, Field(description="a table with rtol")] = Solver()
     _file: str = PrivateAttr(default="<dict>")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +18,10 @@ from simulator.simulation.legs import SAME_INSTANT, PlayedLeg
 from simulator.simulation.recorder import Recorder
 from simulator.solver.branch import Branch
 
+if TYPE_CHECKING:
+    from simulator.simulation.present import Snapshot
+    from simulator.simulation.shape import ShapeChange, ShapeWatch
+
 FloatArray = NDArray[np.float64]
 
 
@@ -26,6 +32,7 @@ def record_exits(
     way: Way,
     exits: Mapping[int, Exit],
     states: Sequence[FloatArray],
+    shapes: ShapeWatch | None,
 ) -> None:
     """Record how some groups leave their states at one instant; the others stay.
 
@@ -40,6 +47,8 @@ def record_exits(
         By the group's place.
     states : sequence of (n_unknowns,) arrays
         The state y of each group before.
+    shapes : ShapeWatch, optional
+        What is known of the balloons' shapes.
     """
     states = list(states)
     before = record.present.at_instant(groups, way, states)
@@ -55,10 +64,23 @@ def record_exits(
         kind = next(iter(exits.values())).kind
         after = record.present.at_instant(groups, way, states)
         record.event(kind, before, after, sum(exit.dissipated for exit in exits.values()))
+    if shapes is not None and not record.ended:
+        for place, exit in exits.items():
+            for change in shapes.in_exit(groups[place], exit):
+                around = [*states[:place], change.state, *states[place + 1 :]]
+                record_shape(record, shapes, change, record.present.at_instant(groups, way, around))
+                if record.ended:
+                    return
     # What ended a flow on its way.
     ends = [exit.rest.end for exit in exits.values() if exit.rest is not None and exit.rest.end is not None]
     if ends and not record.ended:
         record.event(EventKind(ends[0]), record.present.at_instant(groups, way, states))
+
+
+def record_shape(record: Recorder, shapes: ShapeWatch, change: ShapeChange, at: Snapshot) -> None:
+    """Record a change of a balloon's shape, if it is one."""
+    if shapes.takes(change):
+        record.shape(change.kind, change.balloon, change.mode, at)
 
 
 class Playback:
@@ -68,13 +90,23 @@ class Playback:
     ----------
     record, books
         Added to.
+    shapes : ShapeWatch, optional
+        What is known of the balloons' shapes.
     played : PlayedLeg
     start, lasts : float
         When the leg begins, and how long it takes.
     """
 
-    def __init__(self, record: Recorder, books: Books, played: PlayedLeg, start: float, lasts: float) -> None:
-        self.record, self.books, self.played = record, books, played
+    def __init__(
+        self,
+        record: Recorder,
+        books: Books,
+        shapes: ShapeWatch | None,
+        played: PlayedLeg,
+        start: float,
+        lasts: float,
+    ) -> None:
+        self.record, self.books, self.shapes, self.played = record, books, shapes, played
         self.start, self.lasts = start, lasts
         self.groups = [response.group for response in played.responses]
         self.v = float(played.leg.waveform.values[0])
@@ -91,7 +123,13 @@ class Playback:
         ArithmeticError, LinAlgError
             Where a response could not be found to its end, once all before that is recorded.
         """
+        early = self.played.early_end
+        last = early.fraction if early else 1.0
+        changes = self._changes(last)
         for fraction, exits in by_time(self.played.responses, SAME_INSTANT):
+            self._shapes(changes, fraction, fractions)
+            if self.record.ended:
+                return
             between = (fractions > self.passed + SAME_INSTANT) & (fractions < fraction - SAME_INSTANT)
             self._samples(fractions[between])
             self._exits(fraction, exits)
@@ -99,6 +137,9 @@ class Playback:
                 for place in set(range(len(self.groups))) - set(exits):
                     self._book(place)
                 return
+        self._shapes(changes, last, fractions)
+        if self.record.ended:
+            return
         rest = fractions[fractions > self.passed + SAME_INSTANT]
         goes_on = self.played.early_end is None and self.waveform.values[-1] != self.v
         if not rest.size and goes_on:
@@ -110,6 +151,36 @@ class Playback:
             self.record.present.time = float(self.record.rows.time[-1][-1])
             raise failure
         self._finish(rest, goes_on=bool(goes_on))
+
+    def _changes(self, last: float) -> deque[ShapeChange]:
+        """What the balloons' shapes may do in the leg up to a fraction of it, in order of time."""
+        if self.shapes is None:
+            return deque()
+        found = self.shapes.on_the_way(self.played.responses, self.waveform)
+        return deque(change for change in found if change.fraction <= last)
+
+    def _shapes(self, changes: deque[ShapeChange], upto: float, fractions: FloatArray) -> None:
+        """Record what the balloons' shapes do up to a fraction of the leg."""
+        while changes and changes[0].fraction <= upto and self.shapes is not None:
+            change = changes.popleft()
+            if not self.shapes.takes(change):
+                continue
+            between = (fractions > self.passed + SAME_INSTANT) & (fractions < change.fraction - SAME_INSTANT)
+            self._samples(fractions[between])
+            self.passed = max(self.passed, change.fraction)
+            self.record.present.time = self.start + self.lasts * change.fraction
+            self.v = float(change.state[-1])
+            states = [
+                self.record.present.unknowns(group, self.v) if branch is None else branch.state_at(self.v)
+                for group, branch in zip(self.groups, self.branches, strict=True)
+            ]
+            states[change.place] = change.state
+            at = self.record.present.at_instant(self.groups, self.played.leg.way, states)
+            self.record.shape(change.kind, change.balloon, change.mode, at)
+            if self.record.ended:
+                for place in range(len(self.groups)):
+                    self._book(place)
+                return
 
     @property
     def waveform(self) -> Waveform:
@@ -138,7 +209,7 @@ class Playback:
             states[place] = exit.before
             self._book(place)
             self.branches[place], self.since[place] = exit.onward, self.v
-        record_exits(self.record, self.books, self.groups, self.played.leg.way, exits, states)
+        record_exits(self.record, self.books, self.groups, self.played.leg.way, exits, states, self.shapes)
 
     def _finish(self, fractions: FloatArray, *, goes_on: bool) -> None:
         """From the last event to the end of the leg, or to where the step ends early."""

@@ -44,11 +44,14 @@ class Recorder:
     events: list[Event] = field(default_factory=list)
     stops: list[Stop] = field(default_factory=list)
     jumps: int = 0  # events that the device went on from
+    stops_at_shape: bool = False  # whether the history ends where a balloon stops being a sphere
 
     @property
     def outcome(self) -> Outcome:
         """How the history has ended, `COMPLETED` while it has not."""
         last = self.events[-1].kind if self.events else None
+        if last is EventKind.LOSS_OF_SPHERICITY and self.stops_at_shape:
+            return Outcome.LOSS_OF_SPHERICITY
         return Outcome.COMPLETED if last is None else OUTCOMES.get(last, Outcome.COMPLETED)
 
     @property
@@ -125,6 +128,41 @@ class Recorder:
             present.take(after)
             self.sample_now()
 
+    def shape(self, kind: EventKind, balloon: int, mode: str, at: Snapshot) -> None:
+        """Add an event of a balloon's shape, which changes nothing, and the row of its state.
+
+        Parameters
+        ----------
+        kind : EventKind
+        balloon : int
+        mode : {"pear", "shear"}
+        at : Snapshot
+        """
+        present, last = self.present, self.rows
+        device = present.device
+        field = device.field(at.stretch[None], at.voltage[None])[0]
+        self.events.append(
+            Event(
+                time=present.time,
+                step=present.step,
+                kind=kind,
+                voltage=at.voltage,
+                stretch_before=at.stretch,
+                stretch_after=at.stretch,
+                pressure_before=at.pressure,
+                pressure_after=at.pressure,
+                field_before=field,
+                field_after=field,
+                dissipated=0.0,
+                balloon=device.names[balloon],
+                mode=mode,
+            )
+        )
+        there = last.time[-1][-1] == present.time and np.array_equal(last.stretch[-1][-1], at.stretch)
+        if not there:
+            present.take(at)
+            self.sample_now()
+
     def history(
         self, scenario: Scenario, books: Books, statistics: SolverStatistics, outcome: Outcome
     ) -> History:
@@ -159,6 +197,9 @@ class Recorder:
             rated=tuple(scenario.electroded[place] for place in device.rated),
             strength=strength,
             margin=1.0 - np.abs(true_field[:, list(device.rated)]) / strength,
+            sphericity=np.empty((0, 0))
+            if scenario.shape.on_loss == "ignore"
+            else device.sphericity(stretch, voltage),
         )
 
     def statistics(self, effort: Effort, branches: int, seconds: float) -> SolverStatistics:

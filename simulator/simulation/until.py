@@ -8,7 +8,7 @@ A value that a snap passes over ends the step when the snap has landed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -22,7 +22,8 @@ from simulator.model.drive import Waveform
 from simulator.model.elastomers import Number
 from simulator.model.equations import State
 from simulator.model.groups import Group
-from simulator.simulation.atlas import Exit, Response
+from simulator.simulation.atlas import Response
+from simulator.simulation.parts import parts_of
 from simulator.simulation.present import Present
 from simulator.solver import newton
 from simulator.solver.branch import Branch
@@ -143,19 +144,6 @@ class EarlyEnd:
     state: tuple[int, FloatArray] | None
 
 
-@dataclass(frozen=True)
-class _OnBranch:
-    """A part of a response on one branch, from one exit to the next.
-
-    `pieces` are the monotone pieces of the waveform in it: which, and v at both ends.
-    """
-
-    number: int
-    branch: Branch
-    pieces: tuple[tuple[int, float, float], ...]
-    exit: Exit | None
-
-
 def first_end(
     watch: Watch, responses: Sequence[Response], waveform: Waveform, resolution: float
 ) -> tuple[EarlyEnd | None, list[Response]]:
@@ -211,7 +199,7 @@ def _up_to(
     count = sum(exit.fraction <= latest for exit in response.exits) if exits is None else exits
     cut = replace(response, exits=response.exits[:count], failure=None)
     if exits is None and response.failure is not None and count == len(response.exits):
-        *_, last = _branches(response, waveform)
+        *_, last = parts_of(response, waveform)
         low, high = last.branch.known_range()
         inside = waveform.fractions < end.fraction
         since = response.exits[-1].fraction if response.exits else 0.0
@@ -219,24 +207,6 @@ def _up_to(
         if not all(low <= v <= high for v in passed):
             return response
     return cut
-
-
-def _branches(response: Response, waveform: Waveform) -> Iterator[_OnBranch]:
-    """The parts of a response on its branches, in order."""
-    branch, since, v = response.branch, 0.0, float(waveform.values[0])
-    for number in range(len(response.exits) + 1):
-        if branch is None:
-            return
-        exit = response.exits[number] if number < len(response.exits) else None
-        end = 1.0 if exit is None else exit.fraction
-        target = float(waveform.values[-1]) if exit is None else float(exit.before[-1])
-        first = int(np.searchsorted(waveform.fractions[:-1], since, side="right")) - 1
-        last = max(int(np.searchsorted(waveform.fractions, end, side="left")) - 1, first)
-        corners = [v, *waveform.values[first + 1 : last + 1].tolist(), target]
-        pieces = [(first + i, corners[i], corners[i + 1]) for i in range(len(corners) - 1)]
-        yield _OnBranch(number, branch, tuple(piece for piece in pieces if piece[1] != piece[2]), exit)
-        if exit is not None:
-            branch, since, v = exit.onward, exit.fraction, target
 
 
 def _passage(
@@ -248,7 +218,7 @@ def _passage(
     """
     condition = Condition(label, margin, lambda y: gradient(margin, y))
     side = 0.0
-    for part in _branches(response, waveform):
+    for part in parts_of(response, waveform):
         branch = part.branch
         searched: tuple[float, float] | None = None
         for piece, start, end in part.pieces:
