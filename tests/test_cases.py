@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simulator import EventKind, History, Outcome, load_scenario, simulate
+from simulator import EventKind, History, Outcome, SolverError, load_scenario, simulate
+from simulator.analysis.sensitivity import sensitivities
+from simulator.scenario.keys import changed_scenario, number_at
 
 CASES = Path(__file__).parent / "cases"
 
@@ -72,3 +74,104 @@ def test_voltages_switched_off_are_off():
     history = played("jump-spurious")
     assert [event.step for event in history.events] == [2, 3]
     assert np.all(history.voltage[history.step == 3] == 0.0)
+
+
+def test_voltages_switched_off_one_after_the_other_are_off():
+    scenario = load_scenario(CASES / "jump-spurious.toml").to_dict()
+    wave = {"low": 0.0, "high": 0.1, "period": 1.0, "cycles": 1}
+    off = [{"jump": {"a": 0.2, "b": 0.0}}, {"jump": {"a": 0.0}}, {"triangle": wave}]
+    steps = [{"inflate": 0.2}, {"ramp": {"a": 0.3, "b": 0.1}}, *off]
+    history = simulate(load_scenario(scenario | {"step": steps}))
+    assert [event.step for event in history.events] == [3, 4]
+    assert np.all(history.voltage[history.step == 4][-1] == 0.0)
+
+
+# -- real time -----------------------------------------------------------------------------------------------
+
+
+def test_a_ramp_after_a_rest_far_beyond_the_snap():
+    history = played("dynamics-ramp-after-rest")
+    assert history.outcome is Outcome.COMPLETED
+    assert history.stretch[-1, 0] == pytest.approx(6.6621186, abs=1e-7)
+    assert history.pressure[-1] == pytest.approx(0.9102074, abs=1e-7)
+    assert history.energy_balance.relative_imbalance < 1e-6
+
+
+def test_a_jump_beyond_the_strength_breaks_the_film_at_once():
+    history = played("dynamics-jump-beyond-strength")
+    assert history.outcome is Outcome.BREAKDOWN
+    (breakdown,) = history.events
+    assert (breakdown.time, breakdown.step) == (1.0, 2)
+    assert abs(breakdown.field_before[0]) == pytest.approx(0.569, abs=1e-3)
+
+
+def test_a_limit_point_in_motion_is_where_the_force_stops_rising():
+    history = played("dynamics-limit-point-late")
+    (turn,) = history.events
+    assert turn.kind is EventKind.LIMIT_POINT
+    assert turn.time == pytest.approx(1.658694, abs=1e-6)
+    assert history.stability[history.time == turn.time] == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "rows"), [("dynamics-sample-beside-corner", 201), ("dynamics-row-at-sample", 21)]
+)
+def test_corners_beside_samples_are_those_samples(name, rows):
+    history = played(name)
+    assert history.outcome is Outcome.COMPLETED
+    assert len(history) == rows
+    last = history.time[history.step == 2]
+    assert np.diff(last) == pytest.approx(np.full(last.size - 1, last[1] - last[0]), rel=1e-9)
+
+
+def test_corners_add_no_samples():
+    scenario = load_scenario(CASES / "dynamics-sample-beside-corner.toml").to_dict()
+    wave = {"a": {"low": 0.0, "high": 0.2, "phase": 0.3}, "period": 1.0, "cycles": 2}
+    steps = [{"inflate": 1.0}, {"ramp": 0.12}, {"triangle": wave}]
+    history = simulate(load_scenario(scenario | {"step": steps, "output": {"points": 10}}))
+    assert [int((history.step == number).sum()) for number in (1, 2, 3)] == [10, 9, 9]
+
+
+def test_an_edge_of_a_nanosecond_is_an_edge():
+    """As steep as it is, it is the jump that it stands for."""
+    history = played("dynamics-steep-edge")
+    scenario = load_scenario(CASES / "dynamics-steep-edge.toml").to_dict()
+    steps = [{"inflate": 1.0}, {"hold": 1.0}, {"jump": 0.2}, {"hold": 1.0}]
+    jumped = simulate(load_scenario(scenario | {"step": steps}))
+    for time in (2.02, 2.1, 3.0):
+        one = history.stretch[np.argmin(np.abs(history.time - time)), 0]
+        other = jumped.stretch[np.argmin(np.abs(jumped.time - time)), 0]
+        assert one == pytest.approx(other, abs=1e-7)
+
+
+def test_whatever_the_integrator_raises_is_a_solver_error_with_the_history(monkeypatch):
+    def refuse(*_, **__):
+        raise KeyError(-60)
+
+    monkeypatch.setattr("sksundae.ida.IDA.solve", refuse)
+    with pytest.raises(SolverError, match=r"step 1, time 0: .*-60") as caught:
+        played("dynamics-steep-edge")
+    assert caught.value.history.outcome is Outcome.FAILED
+
+
+# -- sensitivities -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "key", ["step.1.inflate", "balloon.b1.radius", "balloon.b0.thickness", "gas.ambient_pressure"]
+)
+def test_the_pressure_held_is_the_one_at_which_the_valve_was_opened(key):
+    scenario = load_scenario(CASES / "sensitivities-open-valve.toml")
+    history = simulate(scenario)
+    (turn,) = (event for event in history.events if event.kind is EventKind.LIMIT_POINT)
+    at = number_at(scenario, key)
+    h = 1e-3 * at
+
+    def voltage(i):
+        events = simulate(changed_scenario(scenario, key, at + i * h)).events
+        return next(event.voltage[0] for event in events if event.kind is EventKind.LIMIT_POINT)
+
+    slope = (8.0 * (voltage(1) - voltage(-1)) - (voltage(2) - voltage(-2))) / (12.0 * h)
+    found = sensitivities(history, turn, [key])[0]
+    assert found.of == "voltage_b0"
+    assert found.derivative == pytest.approx(slope, rel=2e-6, abs=1e-10)

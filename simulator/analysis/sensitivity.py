@@ -6,9 +6,10 @@ zᵀ∂R/∂x = 0, the change of the drive v at which the branch folds is explic
     dv*/dq = −(zᵀ ∂R/∂q) / (zᵀ ∂R/∂v).
 
 ∂R/∂q is total: the amount of gas sealed depends on q too, and on the inflated state, which moves as
-dλ⁰/dq = −(∂g/∂q)/(∂g/∂λ). Derivatives in q are differences of R, not of limit points: of a smooth function
-at one state, with central differences of fourth order good to ten digits or more. So any number that the
-scenario's grammar has can be q.
+dλ⁰/dq = −(∂g/∂q)/(∂g/∂λ). With the valve open the pressure is the one at which the valve was opened, and
+moves with the sealed state of that moment. Derivatives in q are differences of R, not of limit points: of a
+smooth function at one state, with central differences of fourth order good to ten digits or more. So any
+number that the scenario's grammar has can be q.
 """
 
 from __future__ import annotations
@@ -115,21 +116,43 @@ def all_sensitivities(history: History) -> tuple[Sensitivity, ...]:
 
 
 @dataclass(frozen=True)
-class _Here:
-    """A limit point, the step in which it is met, and the state in which its gas was sealed.
+class _Open:
+    """The valve open: the state at the end of a step, or at a limit point in it.
 
-    `number` is the step that the valve was open in last, None where it never was; `inflated` and
-    `held` are stretches and voltages at its end.
+    `number` is that step, 0 where the valve was never open; `sources` are what the electrodes are given. The
+    pressure is that of an inflation, unless `before` is the sealed state in which the valve was opened.
+    """
+
+    number: int
+    stretch: FloatArray
+    pressure: float
+    sources: VoltageLine
+    before: _Sealed | None
+
+
+@dataclass(frozen=True)
+class _Sealed:
+    """The valve closed: a state, and the one in which the valve was closed."""
+
+    stretch: FloatArray
+    pressure: float
+    sources: VoltageLine
+    since: _Open
+
+
+@dataclass(frozen=True)
+class _Here:
+    """A limit point, the step in which it is met, and the state in which the valve was opened or closed last.
+
+    `line` is the way that the voltages go there, `state` its unknowns (stretches…, p, v).
     """
 
     scenario: Scenario
     step: PlayedStep
     line: VoltageLine
     state: FloatArray
-    is_open: bool
-    number: int | None
-    inflated: FloatArray
-    held: tuple[float, ...]
+    since: _Open | None
+    opened: _Open | None
 
     @classmethod
     def of(cls, history: History, event: Event) -> _Here:
@@ -150,29 +173,14 @@ class _Here:
             raise ValueError(f"limit point at time {event.time}: of sines by name, not of a voltage")
         if _ended_early(history, event):
             raise ValueError(f"limit point at time {event.time}: an until before it moves too")
-        is_open = _opens(step)
         if isinstance(step, Inflate):
             line, v = VoltageLine(tuple(voltage.tolist()), (0.0,) * voltage.size), event.pressure_before
         else:
             v = line.coordinate(event.voltage.tolist())
         state = np.array([*event.stretch_before, event.pressure_before, v])
-        last = next((i for i in range(event.step - is_open, 0, -1) if _opens(steps[i - 1])), None)
-        if is_open or last is None:
-            number = event.step if is_open else None
-            return cls(
-                history.scenario, step, line, state, is_open, number, np.ones(len(history.balloons)), ()
-            )
-        sealed = np.flatnonzero(history.step <= last)[-1]
-        return cls(
-            history.scenario,
-            step,
-            line,
-            state,
-            is_open,
-            last,
-            history.stretch[sealed],
-            tuple(history.voltage[sealed].tolist()),
-        )
+        if motion.opens_valve(step):
+            return cls(history.scenario, step, line, state, None, _opened(history, steps, event.step))
+        return cls(history.scenario, step, line, state, _last_open(history, steps, event.step - 1), None)
 
     def rate(self, key: str, value: float) -> float:
         """dv*/dq."""
@@ -183,90 +191,167 @@ class _Here:
         if singular[-1] > _SINGULAR:
             raise ArithmeticError(f"the state is no limit point, singular value {singular[-1]:.1e}")
         z = left[:, -1] / sizes
-        moved = _derivative(self._residual(key, value, place), value)
+        moved = _derivative(self._residual(_Moving(self.scenario, key, value), place), value)
         return float(-(z @ moved) / (z @ matrix[:, -1]))
 
     def _jacobian(self) -> tuple[FloatArray, int]:
         """∂R/∂(x, v), and with the valve open the balloon that folds."""
         device = Device.from_scenario(self.scenario)
-        if not self.is_open:
-            gas = self._gas(self.scenario, device, self.inflated)
+        if self.since is not None:
+            gas = _gas(device, self.since.stretch, self.since.pressure)
             equations: AnyEquations = device.sealed(gas, self.line)
             return np.array(equations.linearised(self.state.tolist())[1], dtype=np.float64), -1
+        pressure = float(self.state[-2])
         rows = [
-            np.array(self._open(device, i).linearised([self.state[i], self.state[-1]])[1], dtype=np.float64)
+            np.array(
+                self._alone(device, i, pressure).linearised([self.state[i], self.state[-1]])[1],
+                dtype=np.float64,
+            )
             for i in range(len(device.names))
         ]
         place = min(range(len(rows)), key=lambda i: abs(rows[i][0, 0]))
         # One equation: ∂R/∂λ itself vanishes, beside ∂R/∂v.
         return rows[place], place
 
-    def _open(self, device: Device, balloon: int, scenario: Scenario | None = None) -> AnyEquations:
+    def _alone(self, device: Device, balloon: int, pressure: float) -> AnyEquations:
         """One balloon with the valve open, in this step."""
         if isinstance(self.step, Inflate):
             return device.inflated(balloon, self.line.offset)
-        pressure = _pressure(scenario or self.scenario, self.number)
         return device.actuated(balloon, pressure, self.line)
 
-    def _residual(self, key: str, value: float, place: int) -> Callable[[float], FloatArray]:
-        """R at this state as a function of q, the inflated state moving with it to first order."""
-        if self.is_open:
+    def _residual(self, moving: _Moving, place: int) -> Callable[[float], FloatArray]:
+        """R at this state as a function of q, with what was sealed, or the pressure held, moving with it."""
+        if self.since is None:
+            assert self.opened is not None
+            held = moving.pressure(self.opened)
 
             def alone(q: float) -> FloatArray:
-                scenario = changed_scenario(self.scenario, key, q)
-                equations = self._open(Device.from_scenario(scenario), place, scenario)
+                equations = self._alone(moving.device(q), place, held(q))
                 return np.array(equations.residual([self.state[place], self.state[-1]]), dtype=np.float64)
 
             return alone
-        along = self._inflated_rate(key, value)
+        gas = moving.gas(self.since)
 
         def together(q: float) -> FloatArray:
-            scenario = changed_scenario(self.scenario, key, q)
-            device = Device.from_scenario(scenario)
-            gas = self._gas(scenario, device, self.inflated + (q - value) * along)
-            return np.array(device.sealed(gas, self.line).residual(self.state.tolist()), dtype=np.float64)
+            equations = moving.device(q).sealed(gas(q), self.line)
+            return np.array(equations.residual(self.state.tolist()), dtype=np.float64)
 
         return together
 
-    def _inflated_rate(self, key: str, value: float) -> FloatArray:
-        """dλ⁰/dq of the state in which the gas was sealed; a device never inflated stays stress free."""
-        if self.number is None:
-            return np.zeros_like(self.inflated)
+
+@dataclass(frozen=True)
+class _Moving:
+    """How past states move, to first order, with the number `key` of a scenario, about its `value`."""
+
+    scenario: Scenario
+    key: str
+    value: float
+
+    def device(self, q: float) -> Device:
+        """The device where the number is q."""
+        return Device.from_scenario(changed_scenario(self.scenario, self.key, q))
+
+    def pressure(self, state: _Open) -> Callable[[float], float]:
+        """The pressure of an open valve."""
+        if state.before is None:
+            return lambda q: _inflated(changed_scenario(self.scenario, self.key, q), state.number)
+        rate = float(self._sealed_rate(state.before)[-1])
+        return lambda q: state.pressure + (q - self.value) * rate
+
+    def gas(self, state: _Open) -> Callable[[float], Contents]:
+        """What is inside when the valve is closed."""
+        pressure, rate = self.pressure(state), self._open_rate(state)
+        return lambda q: _gas(self.device(q), state.stretch + (q - self.value) * rate, pressure(q))
+
+    def _open_rate(self, state: _Open) -> FloatArray:
+        """dλ/dq of the balloons under an open valve; never inflated, they stay stress free."""
+        if state.number == 0:
+            return np.zeros_like(state.stretch)
+        pressure = self.pressure(state)
+
+        def balloons(q: float) -> list[tuple[AnyEquations, list[float]]]:
+            device = self.device(q)
+            return [
+                (device.actuated(i, pressure(q), state.sources), [float(x), 0.0])
+                for i, x in enumerate(state.stretch)
+            ]
 
         def balances(q: float) -> FloatArray:
-            scenario = changed_scenario(self.scenario, key, q)
-            device = Device.from_scenario(scenario)
-            return np.array(
-                [w.residual([x, 0.0])[0] for w, x in self._walls(scenario, device)], dtype=np.float64
-            )
+            return np.array([one.residual(y)[0] for one, y in balloons(q)], dtype=np.float64)
 
-        base = Device.from_scenario(self.scenario)
-        slopes = [w.linearised([x, 0.0])[1][0][0] for w, x in self._walls(self.scenario, base)]
-        return -_derivative(balances, value) / np.array(slopes, dtype=np.float64)
+        slopes = [one.linearised(y)[1][0][0] for one, y in balloons(self.value)]
+        return -_derivative(balances, self.value) / np.array(slopes, dtype=np.float64)
 
-    def _walls(self, scenario: Scenario, device: Device) -> list[tuple[AnyEquations, float]]:
-        """Each balloon as it was when the valve closed, and its stretch."""
-        held = VoltageLine(self.held, (0.0,) * len(self.held))
-        pressure = _pressure(scenario, self.number)
-        return [(device.actuated(i, pressure, held), float(x)) for i, x in enumerate(self.inflated)]
+    def _sealed_rate(self, state: _Sealed) -> FloatArray:
+        """d(λ, p)/dq of the balloons on their gas."""
+        gas, y = self.gas(state.since), [*state.stretch.tolist(), state.pressure, 0.0]
 
-    def _gas(self, scenario: Scenario, device: Device, inflated: FloatArray) -> Contents:
-        return device.law.sealed(_pressure(scenario, self.number), float(device.swelling(inflated[None])[0]))
+        def equations(q: float) -> AnyEquations:
+            return self.device(q).sealed(gas(q), state.sources)
+
+        def balances(q: float) -> FloatArray:
+            return np.array(equations(q).residual(y), dtype=np.float64)
+
+        matrix = np.array(equations(self.value).linearised(y)[1], dtype=np.float64)[:, :-1]
+        return np.asarray(-np.linalg.solve(matrix, _derivative(balances, self.value)))
+
+
+def _last_open(history: History, steps: Sequence[PlayedStep], number: int) -> _Open:
+    """The state at the end of the last step up to `number` that the valve was open in."""
+    last = next((i for i in range(number, 0, -1) if motion.opens_valve(steps[i - 1])), 0)
+    return _opened(history, steps, last)
+
+
+def _opened(history: History, steps: Sequence[PlayedStep], number: int) -> _Open:
+    """The state at the end of a step that the valve is open in."""
+    if number == 0:
+        return _Open(0, np.ones(len(history.balloons)), 0.0, _sources(history, steps, 0), None)
+    first = number
+    while first > 1 and motion.opens_valve(steps[first - 2]):
+        first -= 1
+    row = _end(history, number)
+    stretch, pressure = history.stretch[row], float(history.pressure[row])
+    inflated = any(isinstance(step, Inflate) for step in steps[first - 1 : number])
+    before = None if inflated or first == 1 else _closed(history, steps, first - 1)
+    return _Open(number, stretch, pressure, _sources(history, steps, number), before)
+
+
+def _closed(history: History, steps: Sequence[PlayedStep], number: int) -> _Sealed:
+    """The state at the end of a step that the valve is closed in."""
+    row = _end(history, number)
+    since = _last_open(history, steps, number)
+    sources = _sources(history, steps, number)
+    return _Sealed(history.stretch[row], float(history.pressure[row]), sources, since)
+
+
+def _end(history: History, number: int) -> int:
+    return int(np.flatnonzero(history.step <= number)[-1])
+
+
+def _sources(history: History, steps: Sequence[PlayedStep], number: int) -> VoltageLine:
+    """What the electrodes are given at the end of a step, held there."""
+    if number == 0:
+        return VoltageLine.still([0.0] * len(history.electroded))
+    given = [quantity for step in steps[:number] if (quantity := motion.given_by(step)) is not None]
+    row = _end(history, number)
+    if given and given[-1] == "charge":
+        return VoltageLine.still(history.charge[row].tolist(), "charge")
+    return VoltageLine.still(history.voltage[row].tolist())
+
+
+def _gas(device: Device, stretch: FloatArray, pressure: float) -> Contents:
+    return device.law.sealed(pressure, float(device.swelling(stretch[None])[0]))
 
 
 def _ended_early(history: History, event: Event) -> bool:
     return any(stop.reached and stop.step < event.step for stop in history.stops)
 
 
-def _opens(step: PlayedStep) -> bool:
-    return isinstance(step, Inflate) or step.valve == "open"
-
-
-def _pressure(scenario: Scenario, number: int | None) -> float:
+def _inflated(scenario: Scenario, number: int) -> float:
     """What the last `inflate` up to a step, as played, sets the pressure to."""
     last = 0.0
     for place, step in enumerate(scenario.played_steps(), start=1):
-        if number is None or place > number:
+        if place > number:
             break
         last = step.inflate if isinstance(step, Inflate) else last
     return last

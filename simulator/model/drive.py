@@ -27,7 +27,7 @@ Number = Any
 # What the source of the electrodes gives; the other follows.
 Quantity = Literal["voltage", "charge"]
 
-_ROUNDING = 4e-16  # of a voltage: two units in its last place
+_ROUNDING = 4e-16  # of a voltage: about two units in its last place
 _SOON = 1e-4  # of a way: where it is seen whether an oscillating voltage rises
 _ONE_CORNER = 1e-12  # corners of two triangles closer than this part of a period are one
 
@@ -162,7 +162,11 @@ class VoltageLine:
 
     def at(self, v: FloatArray | float) -> FloatArray:
         """Voltages, or charges, at v: shape (n_electroded,) for a float, (n, n_electroded) for n values."""
-        return np.asarray(np.multiply.outer(v, self.rate) + np.asarray(self.offset))
+        moved, offset = np.multiply.outer(v, self.rate), np.asarray(self.offset)
+        voltages = moved + offset
+        # A voltage that the line switches off is off, and not what rounding leaves of the two parts.
+        off = np.abs(voltages) <= _ROUNDING * np.abs(offset)
+        return np.asarray(np.where(off, 0.0, voltages))
 
 
 def sine_of_turns(turns: Any) -> Any:

@@ -14,6 +14,7 @@ from simulator.model.device import Device
 from simulator.model.drive import Quantity, Way
 from simulator.model.groups import Group
 from simulator.simulation.motion import Electrodes
+from simulator.solver.certify import ULPS
 
 FloatArray = NDArray[np.float64]
 
@@ -61,6 +62,8 @@ class Present:
     time : float
     step : int
         Number of the step, from 1.
+    largest_voltage : float
+        That there has been so far: what rounding leaves of voltages is in proportion to it.
     """
 
     device: Device
@@ -74,6 +77,7 @@ class Present:
     amount: float
     time: float
     step: int
+    largest_voltage: float = 0.0
 
     @classmethod
     def unstretched(cls, device: Device) -> Present:
@@ -116,9 +120,15 @@ class Present:
         """The present state as a group's unknowns y, at drive coordinate v."""
         return unknowns_of(group, self.stretch, self.pressure, v)
 
+    def is_at(self, voltage: FloatArray) -> bool:
+        """Whether the voltages are these, but for the last digits of several that move along one way."""
+        largest = max(float(np.abs(voltage).max()), self.largest_voltage)
+        return bool(np.abs(voltage - self.voltage).max() <= ULPS * largest)
+
     def take(self, state: Snapshot) -> None:
         """Be in another state."""
         self.stretch, self.pressure, self.voltage = state
+        self.largest_voltage = max(self.largest_voltage, float(np.abs(self.voltage).max(initial=0.0)))
 
     def with_groups(
         self, groups: Sequence[Group], way: Way, v: FloatArray, states: Sequence[FloatArray]

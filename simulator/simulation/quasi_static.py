@@ -18,7 +18,6 @@ from simulator.simulation.legs import SAME_INSTANT, PlayedLeg, played_legs
 from simulator.simulation.playback import Playback, record_exits
 from simulator.simulation.present import unknowns_of
 from simulator.simulation.recorder import sample_fractions
-from simulator.solver.certify import ULPS
 from simulator.solver.flow import Rest
 from simulator.solver.newton import softest_change
 
@@ -66,9 +65,8 @@ class QuasiStatic:
         """Change the voltages at once to those at v; the old state relaxes under them."""
         present = self.record.present
         target = way.at(v)
-        largest = max(float(np.abs(target).max()), float(np.abs(present.voltage).max()))
-        if np.abs(target - present.voltage).max() <= ULPS * largest:
-            return False  # where several voltages move along one way, their last digits are not exact
+        if present.is_at(target):
+            return False
         across = VoltageLine.through(present.voltage.tolist(), target.tolist())
         old, new = across.coordinate(present.voltage.tolist()), across.coordinate(target.tolist())
         groups = motion.driven(present.device, across, present.pressure, present.contents)

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simulator.events import EventKind
-from simulator.model.drive import Leg, Waveform, Way
+from simulator.model.drive import Leg, VoltageLine, Waveform, Way
 from simulator.model.groups import Group
 from simulator.simulation import motion
 from simulator.simulation.atlas import loses_tension
-from simulator.simulation.present import Samples, Snapshot
+from simulator.simulation.legs import SAME_INSTANT
+from simulator.simulation.present import Samples
 from simulator.simulation.recorder import sample_fractions
 from simulator.solver.follow import Effort
-from simulator.solver.viscous import Flow, Material, MaxwellBranch, Passage
+from simulator.solver.viscous import CreepError, Flow, Material, MaxwellBranch, Passage
 
 if TYPE_CHECKING:
     from simulator.scenario import PlayedStep, Scenario
@@ -25,8 +28,11 @@ if TYPE_CHECKING:
     from simulator.simulation.until import Watch
 
 FloatArray = NDArray[np.float64]
-# v and dv/dt at a time since the leg began.
+# v and dv/dt at a time since a part of a leg began.
 Drive = Callable[[float], tuple[float, float]]
+
+_BEYOND = 1e-9  # a margin so far below zero is not one of rounding
+_SLACK = 1e-14  # a pressure that rounding leaves of none
 
 
 class RealTime:
@@ -48,11 +54,14 @@ class RealTime:
         """Change the voltages at once to those at v; nothing else does."""
         present = self.record.present
         target = way.at(v)
-        if np.array_equal(target, present.voltage):
+        if present.is_at(target):
             return False
         self.books.change_voltages(present.device, present.stretch, present.voltage, target)
         present.voltage = target
         self.record.sample_now()
+        still = VoltageLine.still(target.tolist())
+        groups = motion.all_balloons(present.device, still, present.pressure, present.contents)
+        self._ends_at_once(groups, 0.0)
         return True
 
     def travel(
@@ -62,66 +71,98 @@ class RealTime:
         present = self.record.present
         fractions = sample_fractions(self.scenario.output, lasts)
         for leg in legs:
-            within = leg.within(fractions)
             groups = motion.moving(
                 self.scenario, present.device, step, leg, present.pressure, present.contents
             )
-            self._flow(
-                groups,
-                leg,
-                within[(within >= 0.0) & (within <= 1.0)],
-                start + lasts * leg.start,
-                lasts * (leg.end - leg.start),
+            self._leg(
+                groups, leg, leg.within(fractions), start + lasts * leg.start, lasts * (leg.end - leg.start)
             )
             if self.record.ended:
                 break
         return None
 
-    def _flow(self, groups: list[Group], leg: Leg, fractions: FloatArray, start: float, lasts: float) -> None:
-        """Let the balloons flow through a leg, with samples at some fractions of it."""
+    def _leg(self, groups: list[Group], leg: Leg, fractions: FloatArray, start: float, lasts: float) -> None:
+        """Let the balloons flow through a leg, with samples at those of the fractions that lie in it."""
         present, waveform = self.record.present, leg.waveform
         first = float(waveform.values[np.argmax(waveform.values != waveform.values[0])])
         v = float(waveform.values[0])
+        present.pressure = 0.0 if abs(present.pressure) < _SLACK else present.pressure
         if any(loses_tension(g.equations, present.unknowns(g, v), first) for g in groups):
             self.record.event(EventKind.LOSS_OF_TENSION, present.snapshot)
             return
+        if self._ends_at_once(groups, v):
+            return
         flow = Flow(groups, self.material)
         for begin, end, drive in smooth_parts(waveform, lasts):
-            inside = fractions[(fractions > begin) & (fractions < end)]
-            times = np.concatenate([[begin], inside, [end]]) * lasts
+            within = fractions[(fractions > begin + SAME_INSTANT) & (fractions <= end + SAME_INSTANT)]
+            at_end = within > end - SAME_INSTANT
+            marks = np.concatenate([[begin], within[~at_end], [end]])
+            # Each part in its own time: an edge of a nanosecond is as long as its own steps.
+            times = (marks - begin) * lasts
             before, inner_before = present.stretch, self.inner
-            passage = flow.run(drive, present.stretch, self.inner, times, self.effort)
-            wanted = np.isin(passage.time, fractions * lasts) | (passage.time == times[-1])
-            self._record(flow, leg.way, drive, passage, wanted, start)
+            passage = flow.run(drive, before, self.inner, times, self.effort)
+            wanted = np.full(times.size, True)
+            wanted[0], wanted[-1] = False, bool(at_end.any())  # the first is here already
+            states = PassageStates(passage, flow, leg.way, drive)
+            self._record(states, times, start + marks * lasts, wanted)
             self._book(flow, drive, passage, before, inner_before)
             if passage.ended:
                 return
+            unseen = self._beyond(groups, drive(times[-1])[0])
+            if unseen is not None:
+                raise CreepError(f"{unseen} was passed unseen")
         present.time = start + lasts
 
+    def _ends_at_once(self, groups: Sequence[Group], v: float) -> bool:
+        """Whether the present state is beyond what ends a history; then that is recorded."""
+        kind = self._beyond(groups, v)
+        if kind is not None:
+            self.record.event(kind, self.record.present.snapshot)
+        return kind is not None
+
+    def _beyond(self, groups: Sequence[Group], v: float) -> EventKind | None:
+        """What ends a history and has a margin below zero in the present state.
+
+        Below by more than rounding: a pressure of zero may be one of −1e-16.
+        """
+        for group in groups:
+            state = self.record.present.unknowns(group, v).tolist()
+            for condition in group.conditions[1:]:
+                if condition.margin(state) < -_BEYOND:
+                    return EventKind(condition.kind)
+        return None
+
     def _record(
-        self,
-        flow: Flow,
-        way: Way,
-        drive: Drive,
-        passage: Passage,
-        wanted: NDArray[np.bool_],
-        start: float,
+        self, states: PassageStates, times: FloatArray, clock: FloatArray, wanted: NDArray[np.bool_]
     ) -> None:
-        """Samples and events of a passage in order of time."""
-        read = 1  # the first is here already
+        """Samples and events of a passage in order of time.
+
+        `clock` says what time it is at the times of the passage, `wanted` which of them are samples.
+        """
+        present, passage = self.record.present, states.passage
+        place = np.searchsorted(times, passage.time)
+        read = 1
         for passed in passage.passed:
             upto = int(np.searchsorted(passage.time, passed.time))
-            self._samples(flow.groups, way, drive, passage, range(read, upto), wanted, start)
+            self._samples(states, [k for k in range(read, upto) if wanted[place[k]]], clock[place])
             read = max(read, upto)
-            self.record.present.time = start + passed.time
-            v = drive(passed.time)[0]
-            here = Snapshot(passed.stretch, _pressure(flow.groups, passed.stretch, v), way.at(v))
+            present.time = float(clock[0] + passed.time)
+            here = states.of(passed.stretch[None], [passed.time]).last
             if passed.kind == EventKind.LIMIT_POINT:
                 self.record.event(EventKind.LIMIT_POINT, here, here, 0.0)
             else:
                 self.record.event(EventKind(passed.kind), here)
         if not passage.ended:
-            self._samples(flow.groups, way, drive, passage, range(read, passage.time.size), wanted, start)
+            rows = [k for k in range(read, passage.time.size) if wanted[place[k]]]
+            self._samples(states, rows, clock[place])
+            present.time = float(clock[-1])
+            present.take(states.of(passage.stretch[-1:], passage.time[-1:]).last)
+
+    def _samples(self, states: PassageStates, rows: Sequence[int], clock: FloatArray) -> None:
+        if rows:
+            passage = states.passage
+            found = states.of(passage.stretch[rows], passage.time[rows])
+            self.record.samples(clock[rows], found)
 
     def _book(
         self, flow: Flow, drive: Drive, passage: Passage, before: FloatArray, inner_before: FloatArray
@@ -141,23 +182,25 @@ class RealTime:
             self.books.change(group.equations, first, last, work)
             work = 0.0  # that of all groups together, booked once
 
-    def _samples(
-        self,
-        groups: Sequence[Group],
-        way: Way,
-        drive: Drive,
-        passage: Passage,
-        rows: range,
-        wanted: NDArray[np.bool_],
-        start: float,
-    ) -> None:
-        chosen = [k for k in rows if wanted[k]]
-        if not chosen:
-            return
-        times, stretch = passage.time[chosen], passage.stretch[chosen]
-        v = np.array([drive(t)[0] for t in times])
-        pressure = np.array([_pressure(groups, x, c) for x, c in zip(stretch, v, strict=True)])
-        self.record.samples(start + times, Samples(stretch, pressure, way.at(v)))
+
+@dataclass(frozen=True)
+class PassageStates:
+    """What became of the balloons over a part of a leg, and how the drive moved meanwhile."""
+
+    passage: Passage
+    flow: Flow
+    way: Way
+    drive: Drive
+
+    def of(self, stretch: FloatArray, times: Sequence[float] | FloatArray) -> Samples:
+        """The states that go with stretches (n, n_balloons) at n times of the passage."""
+        v = np.array([self.drive(float(t))[0] for t in times])
+        group = self.flow.groups[0]
+        pressure = [
+            float(group.equations.pressure(self.flow.state(group, x.tolist(), at)))
+            for x, at in zip(stretch, v.tolist(), strict=True)
+        ]
+        return Samples(stretch, np.array(pressure), self.way.at(v))
 
 
 def material_of(scenario: Scenario) -> Material:
@@ -174,7 +217,10 @@ def material_of(scenario: Scenario) -> Material:
 
 
 def smooth_parts(waveform: Waveform, lasts: float) -> list[tuple[float, float, Drive]]:
-    """Fractions of a leg between which the drive is smooth, and v and dv/dt at a time since its start."""
+    """Parts of a leg on which the drive is smooth: from and to which fraction of it, and the drive.
+
+    The drive gives v and dv/dt at a time since the part began.
+    """
     if waveform.shape == "sine":
         mean, amplitude, cycles = waveform.wave
         rate = 2.0 * np.pi * cycles / lasts
@@ -187,22 +233,11 @@ def smooth_parts(waveform: Waveform, lasts: float) -> list[tuple[float, float, D
 
         return [(0.0, 1.0, wave)]
 
-    def straight(begin: float, v0: float, speed: float) -> Drive:
-        return lambda t: (v0 + speed * (t - begin), speed)
+    def straight(v0: float, speed: float) -> Drive:
+        return lambda t: (v0 + speed * t, speed)
 
-    parts = []
-    for (t0, t1), (v0, v1) in zip(
-        zip(waveform.fractions, waveform.fractions[1:], strict=False),
-        zip(waveform.values, waveform.values[1:], strict=False),
-        strict=True,
-    ):
-        speed = float((v1 - v0) / ((t1 - t0) * lasts))
-        parts.append((float(t0), float(t1), straight(float(t0 * lasts), float(v0), speed)))
-    return parts
-
-
-def _pressure(groups: Sequence[Group], stretch: FloatArray, v: float) -> float:
-    equations = groups[0].equations
-    if equations.has_pressure:
-        return float(equations.gas_pressure([stretch[i] for i in groups[0].members], v))
-    return float(equations.pressure([1.0, v]))
+    corners = zip(waveform.fractions.tolist(), waveform.values.tolist(), strict=True)
+    return [
+        (t0, t1, straight(v0, (v1 - v0) / ((t1 - t0) * lasts)))
+        for (t0, v0), (t1, v1) in itertools.pairwise(corners)
+    ]
