@@ -14,8 +14,8 @@ from types import MappingProxyType
 class EventKind(StrEnum):
     """What can happen on the way.
 
-    From the first three the balloons go on (with a snap, along another branch, or after a flow); the next four
-    end a history. The last two are recorded and change nothing, unless a scenario asks to stop there.
+    From the first three the balloons go on: with a snap, along another branch, or after a flow. The next four
+    end a history. The last two change nothing, unless a scenario asks to stop there.
     """
 
     LIMIT_POINT = "limit_point"

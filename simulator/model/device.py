@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from simulator.model.contents import Contents, Gas, Incompressible, Law
 from simulator.model.drive import Quantity, VoltageLine, Way
-from simulator.model.elastomers import Elastomer, as_written
+from simulator.model.elastomers import Elastomer, as_written, tension_force, tension_stiffness
 from simulator.model.equations import OpenBalloon, SealedBalloons
 from simulator.model.expansion import Adiabat
 from simulator.model.membranes import AnyMembrane, ElectrodedMembrane, Membrane, curvature

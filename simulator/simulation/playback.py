@@ -19,7 +19,6 @@ from simulator.simulation.recorder import Recorder
 from simulator.solver.branch import Branch
 
 if TYPE_CHECKING:
-    from simulator.simulation.present import Snapshot
     from simulator.simulation.shape import ShapeChange, ShapeWatch
 
 FloatArray = NDArray[np.float64]
@@ -64,23 +63,15 @@ def record_exits(
         kind = next(iter(exits.values())).kind
         after = record.present.at_instant(groups, way, states)
         record.event(kind, before, after, sum(exit.dissipated for exit in exits.values()))
-    if shapes is not None and not record.ended:
+    if shapes is not None and not last:
         for place, exit in exits.items():
             for change in shapes.in_exit(groups[place], exit):
-                around = [*states[:place], change.state, *states[place + 1 :]]
-                record_shape(record, shapes, change, record.present.at_instant(groups, way, around))
-                if record.ended:
+                if shapes.takes(change) and record.shape(change, before, after):
                     return
     # What ended a flow on its way.
     ends = [exit.rest.end for exit in exits.values() if exit.rest is not None and exit.rest.end is not None]
     if ends and not record.ended:
         record.event(EventKind(ends[0]), record.present.at_instant(groups, way, states))
-
-
-def record_shape(record: Recorder, shapes: ShapeWatch, change: ShapeChange, at: Snapshot) -> None:
-    """Record a change of a balloon's shape, if it is one."""
-    if shapes.takes(change):
-        record.shape(change.kind, change.balloon, change.mode, at)
 
 
 class Playback:
@@ -127,8 +118,7 @@ class Playback:
         last = early.fraction if early else 1.0
         changes = self._changes(last)
         for fraction, exits in by_time(self.played.responses, SAME_INSTANT):
-            self._shapes(changes, fraction, fractions)
-            if self.record.ended:
+            if self._shapes(changes, fraction, fractions):
                 return
             between = (fractions > self.passed + SAME_INSTANT) & (fractions < fraction - SAME_INSTANT)
             self._samples(fractions[between])
@@ -137,8 +127,7 @@ class Playback:
                 for place in set(range(len(self.groups))) - set(exits):
                     self._book(place)
                 return
-        self._shapes(changes, last, fractions)
-        if self.record.ended:
+        if self._shapes(changes, last, fractions):
             return
         rest = fractions[fractions > self.passed + SAME_INSTANT]
         goes_on = self.played.early_end is None and self.waveform.values[-1] != self.v
@@ -159,8 +148,8 @@ class Playback:
         found = self.shapes.on_the_way(self.played.responses, self.waveform)
         return deque(change for change in found if change.fraction <= last)
 
-    def _shapes(self, changes: deque[ShapeChange], upto: float, fractions: FloatArray) -> None:
-        """Record what the balloons' shapes do up to a fraction of the leg."""
+    def _shapes(self, changes: deque[ShapeChange], upto: float, fractions: FloatArray) -> bool:
+        """Record what the balloons' shapes do up to a fraction of the leg; whether the history ends there."""
         while changes and changes[0].fraction <= upto and self.shapes is not None:
             change = changes.popleft()
             if not self.shapes.takes(change):
@@ -169,18 +158,18 @@ class Playback:
             self._samples(fractions[between])
             self.passed = max(self.passed, change.fraction)
             self.record.present.time = self.start + self.lasts * change.fraction
-            self.v = float(change.state[-1])
+            self.v = float(change.before[-1])
             states = [
                 self.record.present.unknowns(group, self.v) if branch is None else branch.state_at(self.v)
                 for group, branch in zip(self.groups, self.branches, strict=True)
             ]
-            states[change.place] = change.state
+            states[change.place] = change.before
             at = self.record.present.at_instant(self.groups, self.played.leg.way, states)
-            self.record.shape(change.kind, change.balloon, change.mode, at)
-            if self.record.ended:
+            if self.record.shape(change, at, at):
                 for place in range(len(self.groups)):
                     self._book(place)
-                return
+                return True
+        return False
 
     @property
     def waveform(self) -> Waveform:

@@ -15,6 +15,7 @@ from simulator.simulation.present import Present, Samples, Snapshot
 if TYPE_CHECKING:
     from simulator.scenario import Output, Scenario
     from simulator.simulation.books import Books
+    from simulator.simulation.shape import ShapeChange
     from simulator.solver.follow import Effort
 
 FloatArray = NDArray[np.float64]
@@ -128,40 +129,45 @@ class Recorder:
             present.take(after)
             self.sample_now()
 
-    def shape(self, kind: EventKind, balloon: int, mode: str, at: Snapshot) -> None:
-        """Add an event of a balloon's shape, which changes nothing, and the row of its state.
+    def shape(self, change: ShapeChange, before: Snapshot, after: Snapshot) -> bool:
+        """Add a change of a balloon's shape, and a row of the state in which it happens.
 
         Parameters
         ----------
-        kind : EventKind
-        balloon : int
-        mode : {"pear", "shear"}
-        at : Snapshot
+        change : ShapeChange
+        before, after : Snapshot
+            One state on a branch; of a flow, those between which it happens, which have their rows already.
+
+        Returns
+        -------
+        bool
+            Whether the history ends with it.
         """
-        present, last = self.present, self.rows
+        present, rows = self.present, self.rows
         device = present.device
-        field = device.field(at.stretch[None], at.voltage[None])[0]
+        sides = (before, after)
+        fields = [device.field(side.stretch[None], side.voltage[None])[0] for side in sides]
         self.events.append(
             Event(
                 time=present.time,
                 step=present.step,
-                kind=kind,
-                voltage=at.voltage,
-                stretch_before=at.stretch,
-                stretch_after=at.stretch,
-                pressure_before=at.pressure,
-                pressure_after=at.pressure,
-                field_before=field,
-                field_after=field,
+                kind=change.kind,
+                voltage=after.voltage,
+                stretch_before=before.stretch,
+                stretch_after=after.stretch,
+                pressure_before=before.pressure,
+                pressure_after=after.pressure,
+                field_before=fields[0],
+                field_after=fields[1],
                 dissipated=0.0,
-                balloon=device.names[balloon],
-                mode=mode,
+                balloon=device.names[change.balloon],
+                mode=change.mode,
             )
         )
-        there = last.time[-1][-1] == present.time and np.array_equal(last.stretch[-1][-1], at.stretch)
-        if not there:
-            present.take(at)
+        if rows.time[-1][-1] != present.time or not np.array_equal(rows.stretch[-1][-1], after.stretch):
+            present.take(after)
             self.sample_now()
+        return self.ended
 
     def history(
         self, scenario: Scenario, books: Books, statistics: SolverStatistics, outcome: Outcome

@@ -1,4 +1,4 @@
-"""Whether the balloons stay spheres: where each would turn into a pear, on its branches and in its snaps.
+"""Whether the balloons stay spheres: where each would turn into a pear.
 
 Every history is that of spheres. Beside it, this module looks at the margin of sphericity of each balloon
 (`model.conditions.shape_conditions`): along the branches it is evaluated on the path in outline, a change of
@@ -39,8 +39,8 @@ class ShapeChange:
     kind : EventKind
     balloon : int
     mode : {"pear", "shear"}
-    state : (n_unknowns,) array
-        Of its equations.
+    before, after : (n_unknowns,) arrays
+        The state y of its equations in which it happens; of a flow, those between which it happens.
     fraction : float
         Of the leg.
     place : int
@@ -50,7 +50,8 @@ class ShapeChange:
     kind: EventKind
     balloon: int
     mode: str
-    state: FloatArray
+    before: FloatArray
+    after: FloatArray
     fraction: float = 0.0
     place: int = 0
 
@@ -113,7 +114,8 @@ class ShapeWatch:
                         else EventKind.SPHERICITY_REGAINED
                     )
                     fraction = waveform.when(piece, crossing.v)
-                    yield ShapeChange(kind, balloon, one.mode, crossing.state, fraction, place)
+                    state = crossing.state
+                    yield ShapeChange(kind, balloon, one.mode, state, state, fraction, place)
 
     def _on_branch(self, branch: Branch, one: ShapeCondition) -> list[_Crossing]:
         """Where a margin vanishes on what is known of a branch, in order of rising v."""
@@ -124,9 +126,14 @@ class ShapeWatch:
         return self._crossings[key]
 
     def in_exit(self, group: Group, exit: Exit) -> Iterator[ShapeChange]:
-        """What a flow changes: shapes lost in between and regained, and those in which it comes to rest."""
+        """What a flow changes: shapes that are lost or regained on its way.
+
+        Where in between that is depends on the flow, which is followed only as well as its end needs it. So a
+        change is known by the states before and after.
+        """
         if exit.rest is None or exit.runs_away:
             return
+        sides = exit.before, exit.rest.state
         for one in self.conditions(group):
             balloon, margin = group.members[one.place], one.condition.margin
             gone = (balloon, one.mode) in self.lost
@@ -134,12 +141,11 @@ class ShapeWatch:
             if exit.rest.path.size and not gone and not ends_lost:
                 below = np.flatnonzero(np.asarray(margin(exit.rest.path), dtype=np.float64) < 0.0)
                 if below.size:
-                    between = exit.rest.path[:, below[0]]
-                    yield ShapeChange(EventKind.LOSS_OF_SPHERICITY, balloon, one.mode, between)
+                    yield ShapeChange(EventKind.LOSS_OF_SPHERICITY, balloon, one.mode, *sides)
                     gone = True
             if gone != ends_lost:
                 kind = EventKind.LOSS_OF_SPHERICITY if ends_lost else EventKind.SPHERICITY_REGAINED
-                yield ShapeChange(kind, balloon, one.mode, exit.rest.state)
+                yield ShapeChange(kind, balloon, one.mode, *sides)
 
     def takes(self, change: ShapeChange) -> bool:
         """Whether a change is one for the device as it is; from then on it is as the change says."""
