@@ -110,8 +110,7 @@ def event_columns(history: History) -> Columns:
         "time": np.array([event.time for event in events], dtype=float),
         "step": np.array([event.step for event in events], dtype=np.int64),
         "kind": np.array([event.kind.value for event in events], dtype=object),
-        "balloon": np.array([event.balloon or "" for event in events], dtype=object),
-        "mode": np.array([event.mode or "" for event in events], dtype=object),
+        **(_shapes(events) if history.sphericity.size else {}),
         **_by_name("voltage", electroded, _stacked(events, "voltage", len(electroded))),
         **sides("stretch", balloons),
         "pressure_before": _stacked(events, "pressure_before", 1)[:, 0],
@@ -120,6 +119,14 @@ def event_columns(history: History) -> Columns:
         "dissipated": _stacked(events, "dissipated", 1)[:, 0],
     }
     return _with_si(columns, history)
+
+
+def _shapes(events: Sequence[Event]) -> Columns:
+    """Which balloon an event of shape concerns, and what it would turn into; empty for other events."""
+    return {
+        "balloon": np.array([event.balloon or "" for event in events], dtype=object),
+        "mode": np.array([event.mode or "" for event in events], dtype=object),
+    }
 
 
 def _with_si(columns: Columns, history: History) -> Columns:

@@ -30,6 +30,8 @@ MARKERS: dict[str, str] = {
     EventKind.BREAKDOWN: "D",
     EventKind.RUNAWAY: "^",
     EventKind.OUT_OF_RANGE: "v",
+    EventKind.LOSS_OF_SPHERICITY: "h",
+    EventKind.SPHERICITY_REGAINED: "8",
     "reached": "s",
 }
 MARKER_SIZES: dict[str, float] = {
