@@ -237,6 +237,6 @@ def test_an_ogden_film_that_shears() -> None:
     elastomer = {"model": "ogden", "mu": list(film.mu), "alpha": list(film.alpha)}
     found = shapes(simulate(single({"inflate": 7.5}, elastomer=elastomer)))
     assert [(event.kind, event.mode) for event in found] == [(LOST, "shear"), (REGAINED, "shear")]
-    for event, stretch in zip(found, (1.800274390265163, 2.6034), strict=True):
+    for event, stretch in zip(found, (1.800274390265163, 2.6031936535037), strict=True):
         assert event.stretch_before[0] == pytest.approx(stretch, abs=1e-4)
         assert film.shear_stiffness(float(event.stretch_before[0])) == pytest.approx(0.0, abs=1e-12)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +19,7 @@ from simulator.simulation.recorder import Recorder
 from simulator.solver.branch import Branch
 
 if TYPE_CHECKING:
+    from simulator.simulation.present import Samples
     from simulator.simulation.shape import ShapeChange, ShapeWatch
 
 FloatArray = NDArray[np.float64]
@@ -105,6 +106,8 @@ class Playback:
         # On which branch each group is, and from which v on.
         self.branches: list[Branch | None] = [response.branch for response in played.responses]
         self.since = [self.v] * len(self.groups)
+        found = shapes.on_the_way(played.responses, self.waveform) if shapes is not None else []
+        self.changes = deque(found)
 
     def play(self, fractions: FloatArray) -> None:
         """Record the leg, with samples at some fractions of it.
@@ -114,21 +117,15 @@ class Playback:
         ArithmeticError, LinAlgError
             Where a response could not be found to its end, once all before that is recorded.
         """
-        early = self.played.early_end
-        last = early.fraction if early else 1.0
-        changes = self._changes(last)
         for fraction, exits in by_time(self.played.responses, SAME_INSTANT):
-            if self._shapes(changes, fraction, fractions):
-                return
             between = (fractions > self.passed + SAME_INSTANT) & (fractions < fraction - SAME_INSTANT)
-            self._samples(fractions[between])
-            self._exits(fraction, exits)
+            self._samples(fractions[between], fraction)
+            if not self.record.ended:
+                self._exits(fraction, exits)
             if self.record.ended:
                 for place in set(range(len(self.groups))) - set(exits):
                     self._book(place)
                 return
-        if self._shapes(changes, last, fractions):
-            return
         rest = fractions[fractions > self.passed + SAME_INSTANT]
         goes_on = self.played.early_end is None and self.waveform.values[-1] != self.v
         if not rest.size and goes_on:
@@ -136,64 +133,71 @@ class Playback:
             rest = fractions[fractions > 1.0 - SAME_INSTANT][-1:]
         failure = next((one.failure for one in self.played.responses if one.failure is not None), None)
         if failure is not None:
-            self._samples(rest[: _leading(rest, self.waveform, self.branches)])
+            self._samples(rest[: _leading(rest, self.waveform, self.branches)], 1.0)
             self.record.present.time = float(self.record.rows.time[-1][-1])
             raise failure
         self._finish(rest, goes_on=bool(goes_on))
-
-    def _changes(self, last: float) -> deque[ShapeChange]:
-        """What the balloons' shapes may do in the leg up to a fraction of it, in order of time."""
-        if self.shapes is None:
-            return deque()
-        found = self.shapes.on_the_way(self.played.responses, self.waveform)
-        return deque(change for change in found if change.fraction <= last)
-
-    def _shapes(self, changes: deque[ShapeChange], upto: float, fractions: FloatArray) -> bool:
-        """Record what the balloons' shapes do up to a fraction of the leg; whether the history ends there."""
-        while changes and changes[0].fraction <= upto and self.shapes is not None:
-            change = changes.popleft()
-            if not self.shapes.takes(change):
-                continue
-            between = (fractions > self.passed + SAME_INSTANT) & (fractions < change.fraction - SAME_INSTANT)
-            self._samples(fractions[between])
-            self.passed = max(self.passed, change.fraction)
-            self.record.present.time = self.start + self.lasts * change.fraction
-            self.v = float(change.before[-1])
-            states = [
-                self.record.present.unknowns(group, self.v) if branch is None else branch.state_at(self.v)
-                for group, branch in zip(self.groups, self.branches, strict=True)
-            ]
-            states[change.place] = change.before
-            at = self.record.present.at_instant(self.groups, self.played.leg.way, states)
-            if self.record.shape(change, at, at):
-                for place in range(len(self.groups)):
-                    self._book(place)
-                return True
-        return False
 
     @property
     def waveform(self) -> Waveform:
         """How v moves in the leg."""
         return self.played.leg.waveform
 
-    def _samples(self, fractions: FloatArray) -> None:
-        """Samples at some fractions, all groups staying on their branches."""
-        if not fractions.size:
-            return
+    def _samples(self, fractions: FloatArray, upto: float) -> None:
+        """Samples at some fractions up to one, and changes of shape, all groups staying on their branches."""
+        start = self.start
+        at = self._states(fractions) if fractions.size else None
+        begin = 0
+        for change in self._changes(upto):
+            place = int(np.searchsorted(fractions, change.fraction))
+            if at is not None and place > begin:
+                self.record.samples(start + self.lasts * fractions[begin:place], at.part(begin, place))
+            begin = place
+            self._shape(change)
+            if self.record.ended:
+                return
+        if at is not None and begin < fractions.size:
+            self.record.samples(start + self.lasts * fractions[begin:], at.part(begin, fractions.size))
+
+    def _states(self, fractions: FloatArray) -> Samples:
+        """The device at some fractions, all groups staying on their branches."""
         v, way = self.waveform.at(fractions), self.played.leg.way
         states = [branch.at(v) for branch in self.branches if branch is not None]
-        at = self.record.present.with_groups(self.groups, way, v, states)
-        self.record.samples(self.start + self.lasts * fractions, at)
+        return self.record.present.with_groups(self.groups, way, v, states)
+
+    def _changes(self, upto: float) -> Iterator[ShapeChange]:
+        """What the balloons' shapes do up to a fraction of the leg, in order of time."""
+        while self.changes and self.changes[0].fraction <= upto and self.shapes is not None:
+            change = self.changes.popleft()
+            if self.shapes.takes(change):
+                yield change
+
+    def _shape(self, change: ShapeChange) -> None:
+        """Record a change of shape; all groups are on their branches."""
+        self.passed = max(self.passed, change.fraction)
+        self.record.present.time = self.start + self.lasts * change.fraction
+        self.v = float(change.before[-1])
+        states = self._on_branches()
+        states[change.place] = change.before
+        at = self.record.present.at_instant(self.groups, self.played.leg.way, states)
+        self.record.shape(change, at, at)
+        if self.record.ended:
+            for place in range(len(self.groups)):
+                self._book(place)
+
+    def _on_branches(self) -> list[FloatArray]:
+        """The state y of each group at the present v."""
+        return [
+            self.record.present.unknowns(group, self.v) if branch is None else branch.state_at(self.v)
+            for group, branch in zip(self.groups, self.branches, strict=True)
+        ]
 
     def _exits(self, fraction: float, exits: Mapping[int, Exit]) -> None:
         """What happens at one instant."""
         self.passed = fraction
         self.record.present.time = self.start + self.lasts * fraction
         self.v = float(next(iter(exits.values())).before[-1])
-        states = [
-            self.record.present.unknowns(group, self.v) if branch is None else branch.state_at(self.v)
-            for group, branch in zip(self.groups, self.branches, strict=True)
-        ]
+        states = self._on_branches()
         for place, exit in exits.items():
             states[place] = exit.before
             self._book(place)
@@ -204,11 +208,13 @@ class Playback:
         """From the last event to the end of the leg, or to where the step ends early."""
         present, way, early = self.record.present, self.played.leg.way, self.played.early_end
         end = early.state if early else None
-        self._samples(fractions if end is None else fractions[:-1])
+        far = early.fraction if early else 1.0
+        self._samples(fractions if end is None else fractions[:-1], far)
+        if self.record.ended:
+            return
         self.v = early.v if early else float(self.waveform.values[-1])
         for place in range(len(self.groups)):
             self._book(place)
-        far = early.fraction if early else 1.0
         present.time = self.start + self.lasts * far
         if present.given == "charge":
             present.charge = way.at(self.v)
