@@ -1,10 +1,11 @@
 """Voltage histories of interconnected dielectric-elastomer balloons.
 
->>> from simulator import load_scenario, simulate
->>> history = simulate(load_scenario("scenarios/fig5b_state_b.toml"))
+>>> from simulator import simulate
+>>> history = simulate("scenarios/fig5b_state_b.toml")
 >>> history.outcome, [event.kind for event in history.events]
 
-Names are loaded when first used, so that ``import simulator`` costs next to nothing.
+Names are loaded when first used, so that ``import simulator`` costs next to nothing. All of them are in
+`docs/python.md`.
 """
 
 from __future__ import annotations
@@ -13,6 +14,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from simulator.analysis.fold import fold
+    from simulator.analysis.sensitivity import all_sensitivities, sensitivities
+    from simulator.analysis.trace import trace, trace_all, trace_inflation
     from simulator.events import EventKind, Outcome
     from simulator.results.curve import Curve, FoldCurve
     from simulator.results.files import OutputError
@@ -24,10 +28,13 @@ if TYPE_CHECKING:
         Stop,
         Verdict,
     )
+    from simulator.results.sensitivity import Sensitivity
     from simulator.scenario import Scenario, ScenarioError, load_scenario
     from simulator.simulation.explanation import explain
     from simulator.simulation.run import SolverError, simulate
     from simulator.solver.follow import PathError
+    from simulator.sweep import Sweep, SweepResult, load_sweep, read_sweep, run_sweep
+    from simulator.sweep.optimum import optimize, read_question
 
 __version__ = "0.1.0"
 
@@ -43,35 +50,46 @@ __all__ = [
     "PathError",
     "Scenario",
     "ScenarioError",
+    "Sensitivity",
     "SolverError",
     "SolverStatistics",
     "Stop",
+    "Sweep",
+    "SweepResult",
     "Verdict",
+    "all_sensitivities",
     "explain",
+    "fold",
     "load_scenario",
+    "load_sweep",
+    "optimize",
+    "read_question",
+    "read_sweep",
+    "run_sweep",
+    "sensitivities",
     "simulate",
+    "trace",
+    "trace_all",
+    "trace_inflation",
 ]
 
-_HOME = {
-    "Curve": "results.curve",
-    "EnergyBalance": "results.history",
-    "Event": "results.history",
-    "EventKind": "events",
-    "FoldCurve": "results.curve",
-    "History": "results.history",
-    "Outcome": "events",
-    "OutputError": "results.files",
-    "PathError": "solver.follow",
-    "Scenario": "scenario",
-    "ScenarioError": "scenario",
-    "SolverError": "simulation.run",
-    "SolverStatistics": "results.history",
-    "Stop": "results.history",
-    "Verdict": "results.history",
-    "explain": "simulation.explanation",
-    "load_scenario": "scenario",
-    "simulate": "simulation.run",
+_NAMES = {
+    "analysis.fold": ("fold",),
+    "analysis.sensitivity": ("all_sensitivities", "sensitivities"),
+    "analysis.trace": ("trace", "trace_all", "trace_inflation"),
+    "events": ("EventKind", "Outcome"),
+    "results.curve": ("Curve", "FoldCurve"),
+    "results.files": ("OutputError",),
+    "results.history": ("EnergyBalance", "Event", "History", "SolverStatistics", "Stop", "Verdict"),
+    "results.sensitivity": ("Sensitivity",),
+    "scenario": ("Scenario", "ScenarioError", "load_scenario"),
+    "simulation.explanation": ("explain",),
+    "simulation.run": ("SolverError", "simulate"),
+    "solver.follow": ("PathError",),
+    "sweep": ("Sweep", "SweepResult", "load_sweep", "read_sweep", "run_sweep"),
+    "sweep.optimum": ("optimize", "read_question"),
 }
+_HOME = {name: module for module, names in _NAMES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:

@@ -1,6 +1,6 @@
 """`python -m simulator` is the command `balloons`."""
 
-from simulator.cli.app import app
+from simulator.cli import app
 
 if __name__ == "__main__":
     app(prog_name="balloons")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from typer.testing import CliRunner
 
-from simulator.cli.app import app
+from simulator.cli import app
 from simulator.sweep import load_table, read_sweep, run_sweep
 from tests.pairs import pair
 
@@ -45,4 +45,4 @@ def lines(directory):
 
 
 def balloons(*words):
-    return CliRunner().invoke(app.app, [str(word) for word in words])
+    return CliRunner().invoke(app, [str(word) for word in words])

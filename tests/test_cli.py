@@ -17,7 +17,7 @@ from histories import cycled_pair, slack_pair
 from typer.testing import CliRunner
 
 from simulator.cli import summary
-from simulator.cli.app import app
+from simulator.cli import app
 from simulator.results.history import Outcome
 
 ROOT = Path(__file__).parent.parent
@@ -70,7 +70,7 @@ def simulate(monkeypatch):
 
 
 def balloons(*arguments: object) -> object:
-    return CliRunner().invoke(app.app, [str(argument) for argument in arguments])
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 def subprocess_environment(**more: str) -> dict[str, str]:
@@ -363,7 +363,7 @@ def test_real_interrupt(scenario):
     program = f"""
         import os, signal, time
         from importlib import import_module
-        from simulator.cli.app import app
+        from simulator.cli import app
         def played(scenario, *, progress=None):
             os.kill(os.getpid(), signal.SIGINT)
             time.sleep(10)
@@ -385,7 +385,7 @@ def test_real_interrupt(scenario):
 def test_a_run_without_a_picture_loads_neither_matplotlib_nor_pandas(scenario):
     program = f"""
         import sys
-        from simulator.cli.app import app
+        from simulator.cli import app
         app(["run", {str(scenario)!r}], standalone_mode=False)
         print(*sys.modules)
     """

@@ -122,7 +122,7 @@ def test_a_limit_point_that_is_not_there():
 def test_command(tmp_path):
     from typer.testing import CliRunner
 
-    from simulator.cli.app import app
+    from simulator.cli import app
 
     def balloons(*words):
         return CliRunner().invoke(app, ["fold", FIG3C, *words, "--out", str(tmp_path)])

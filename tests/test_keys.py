@@ -5,16 +5,8 @@ from __future__ import annotations
 import pytest
 
 from simulator import load_scenario
-from simulator.scenario.keys import (
-    all_keys,
-    changed_scenario,
-    near,
-    number_at,
-    physical_keys,
-    quantity,
-    value_at,
-    with_values,
-)
+from simulator.scenario.keys import all_keys, changed_scenario, number_at, physical_keys
+from simulator.scenario.mapping import near, quantity, value_at, with_values
 from tests.pairs import pair
 
 BASE = pair(1.2, {"cycle": 2, "steps": [{"ramp": {"active": 0.3}}, {"hold": 1.0}]}).to_dict()

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from simulator.analysis.fold import fold
 from simulator.analysis.trace import trace, trace_all, trace_inflation
-from simulator.cli.app import app
+from simulator.cli import app
 from simulator.model.device import Device
 from simulator.model.elastomers import (
     ArrudaBoyce,

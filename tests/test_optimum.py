@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from simulator import load_scenario, simulate
 from simulator.scenario import ScenarioError
-from simulator.scenario.keys import with_values
+from simulator.scenario.mapping import with_values
 from simulator.sweep.optimum import optimize, read_question
 from tests.pairs import pair
 from tests.sweeps import balloons

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from simulator import units
 from simulator.analysis.fold import fold
 from simulator.analysis.trace import trace, trace_inflation
-from simulator.cli.app import app
+from simulator.cli import app
 from simulator.scenario import ScenarioError, load_scenario
 from simulator.units import Dimension, Scales
 from tests.pairs import run

@@ -12,8 +12,8 @@ from pairs import gent_force, pair, single
 from test_export import EXACT
 from typer.testing import CliRunner
 
-from simulator.analysis.trace import Limits, rests, sealed_state, trace, trace_all, trace_inflation
-from simulator.cli.app import app
+from simulator.analysis.trace import rests, sealed_state, trace, trace_all, trace_inflation
+from simulator.cli import app
 from simulator.results.files import OutputError
 from simulator.results.plot import draw_curves_png, plot_curves
 from simulator.results.tables import curve_columns, point_columns, write_curves
@@ -197,7 +197,7 @@ def test_rests_are_in_equilibrium():
 
 @pytest.mark.parametrize(("balloon", "ratio"), [("active", 2.0), ("passive", 1.0), (None, 1.0)])
 def test_peak_and_valley_of_inflation(balloon, ratio):
-    curve = trace_inflation(scenario("5b_a"), balloon, Limits(stretch=7.0))
+    curve = trace_inflation(scenario("5b_a"), balloon, to_stretch=7.0)
     found = special(curve, "limit_point")
     for point, guess in zip(found, (1.4, 4.14), strict=True):
         exact = mp.findroot(lambda a: mp.diff(lambda x: mp_force(x) / x**2, a), mp.mpf(guess))
@@ -220,7 +220,7 @@ def mp_force(stretch):
 
 def test_peak_of_a_neo_hookean_balloon():
     curve = trace_inflation(
-        single({"inflate": 1.0}, elastomer={"model": "neo-hookean"}), until=Limits(stretch=3.0)
+        single({"inflate": 1.0}, elastomer={"model": "neo-hookean"}), to_stretch=3.0
     )
     (peak,) = special(curve, "limit_point")
     assert peak.stretch[0] == pytest.approx(7 ** (1 / 6), abs=1e-9)
@@ -230,23 +230,23 @@ def test_peak_of_a_neo_hookean_balloon():
 @pytest.mark.parametrize(
     ("until", "kind"),
     [
-        (Limits(v=0.2), "reached"),
-        (Limits(stretch=6.0), "reached"),
-        (Limits(v=0.7), "loss_of_tension"),
-        (Limits(stretch=7.0), "loss_of_tension"),
+        ({"to_voltage": 0.2}, "reached"),
+        ({"to_stretch": 6.0}, "reached"),
+        ({"to_voltage": 0.7}, "loss_of_tension"),
+        ({"to_stretch": 7.0}, "loss_of_tension"),
     ],
 )
 def test_a_path_stops_where_it_is_asked_to_if_it_gets_there(until, kind):
-    end = trace(scenario("3c_b"), until).end
+    end = trace(scenario("3c_b"), **until).end
     assert end.kind == kind
-    if kind == "reached" and until.v is not None:
-        assert end.voltage[0] == until.v
+    if kind == "reached" and "to_voltage" in until:
+        assert end.voltage[0] == until["to_voltage"]
     elif kind == "reached":
-        assert end.stretch[0] == pytest.approx(until.stretch, abs=1e-12)
+        assert end.stretch[0] == pytest.approx(until["to_stretch"], abs=1e-12)
 
 
 def test_a_voltage_is_met_on_the_way_up_first():
-    end = trace(scenario("5b_b"), Limits(v=0.1)).end
+    end = trace(scenario("5b_b"), to_voltage=0.1).end
     exact = PAIRS["5b_b"].state(mp.mpf("0.1"), *end.stretch)
     assert end.stretch[0] < 1.38
     assert end.stretch == pytest.approx([float(x) for x in exact[:2]], abs=1e-9)
@@ -365,7 +365,7 @@ def test_picture_leaves_out_enormous_voltages():
 
 
 def test_picture_of_an_inflation_is_over_pressure():
-    curve = trace_inflation(scenario("3a_a"), until=Limits(v=2.0))
+    curve = trace_inflation(scenario("3a_a"), to_pressure=2.0)
     assert draw_curves_png([curve], dots_per_inch=50).startswith(b"\x89PNG")
     assert plot_curves([curve]).axes[0].get_xlabel() == "pressure  PR/(μH)"
 
@@ -455,7 +455,7 @@ def test_trace_of_what_makes_no_sense_is_refused(tmp_path, arguments, said):
 
 
 def test_a_path_that_cannot_be_followed_is_exit_code_3(tmp_path, monkeypatch):
-    def fail(*_: object) -> None:
+    def fail(*_: object, **__: object) -> None:
         raise PathError("lost the way")
 
     monkeypatch.setattr("simulator.analysis.trace.trace", fail)
@@ -466,7 +466,7 @@ def test_a_path_that_cannot_be_followed_is_exit_code_3(tmp_path, monkeypatch):
 
 
 def test_an_interrupted_trace_writes_nothing(tmp_path, monkeypatch):
-    def interrupt(*_: object) -> None:
+    def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("simulator.analysis.trace.trace", interrupt)

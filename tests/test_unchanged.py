@@ -15,7 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from simulator import load_scenario
-from simulator.cli.app import app
+from simulator.cli import app
 
 STORED = Path(__file__).parent / "unchanged.json"
 SCENARIOS = sorted(Path("scenarios").glob("*.toml"))

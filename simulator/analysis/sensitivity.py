@@ -67,10 +67,21 @@ def sensitivities(
     ------
     ValueError
         If the event is no limit point, is one of given charges or of sines by name, or comes after a step
-        that an `until` ended: where that is moves with the numbers too.
+        that an `until` ended: where that is moves with the numbers too. Also if the scenario has
+        `[dynamics]`, with which a limit point is passed late.
     ArithmeticError
         If its state is not one to rounding.
+
+    Examples
+    --------
+    >>> from simulator import load_scenario, simulate
+    >>> history = simulate(load_scenario("scenarios/fig3c_state_b.toml"))
+    >>> (one,) = sensitivities(history, history.events[0], ["gas.ambient_pressure"])
+    >>> one.of, round(one.derivative, 4)
+    ('voltage_active', 0.1951)
     """
+    if history.scenario.dynamics is not None:
+        raise ValueError("with [dynamics] a limit point is passed late: it has no sensitivities")
     if event.kind is not EventKind.LIMIT_POINT:
         raise ValueError(f"{event.kind.value} at time {event.time}: only a limit point moves smoothly")
     scenario = history.scenario

@@ -1,337 +1,180 @@
 """The whole equilibrium path with the drive free: through limit points, stable and unstable alike.
 
-A history shows what happens; the path shows why. It is followed with the machinery of the histories
-(`follow.follow`), one monotone piece after the other: at each limit point v turns round and the number of
-unstable directions changes by one. Where the path ends is said, and why.
+A history shows what happens; the path shows why. Where the path ends is said, and why.
 """
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.analysis.path import Path, stretch_stop, whole_path
+from simulator.analysis.start import rests, sealed_state
 from simulator.model import groups
-from simulator.model.conditions import ENDLESS, Condition, eigenvalues, singularity
-from simulator.model.contents import Contents
 from simulator.model.device import Device
 from simulator.model.drive import VoltageLine
-from simulator.model.elastomers import Number, largest_stretch
-from simulator.model.equations import State
-from simulator.model.groups import AnyEquations, Group
+from simulator.model.groups import Group
 from simulator.results.curve import Curve, SpecialPoint
-from simulator.scenario import Inflate, Problem, ScenarioError
-from simulator.simulation.run import simulate
-from simulator.solver import follow, newton
-from simulator.solver.certify import GAUSS_INTEGRALS, GAUSS_WEIGHTS, straight
-from simulator.solver.follow import Effort, PathError
-from simulator.solver.newton import NotConverged
+from simulator.scenario import Problem, ScenarioError, dimensionless, load_scenario
+from simulator.units import PRESSURE, VOLTAGE
 
 if TYPE_CHECKING:
-    from simulator.scenario import Scenario
+    from simulator.scenario import Scenario, ScenarioLike
 
 FloatArray = NDArray[np.float64]
 
-STRETCH_MARGIN = 1e-6  # a stretch this close to its limit ends a path
-_STEP_OFF = 1e-6  # scaled arclength at which a path is taken up again beyond a limit point
-_FARTHEST = 1e6  # v over its scale that no path gets to
-_MOST_TURNS = 200
-_RTOL = 1e-4
+__all__ = ["rests", "sealed_state", "trace", "trace_all", "trace_inflation"]
 
 
-@dataclass(frozen=True)
-class Limits:
-    """Where a path is to be left: at a v (voltage, or pressure while inflating), or a stretch of the first
-    electroded balloon (the inflated one while inflating).
-    """
+def trace(
+    scenario: ScenarioLike,
+    *,
+    to_voltage: float | str | None = None,
+    to_stretch: float | None = None,
+) -> Curve:
+    """The equilibrium path of a scenario in voltage, one voltage on all electrodes.
 
-    v: float | None = None
-    stretch: float | None = None
-
-
-@dataclass(frozen=True)
-class _Piece:
-    """A monotone piece of path with its number of unstable directions."""
-
-    states: FloatArray
-    dense: FloatArray
-    speeds: FloatArray
-    unstable: int
-
-
-def trace(scenario: Scenario, until: Limits | None = None) -> Curve:
-    """The equilibrium path from a scenario's sealed state, with the common voltage free.
+    It begins in the state that the scenario's inflations lead to. From there on the valve is closed, or open
+    where the scenario moves its voltages with `valve = "open"`.
 
     Parameters
     ----------
-    scenario : Scenario
-        Played through the inflations that it begins with.
-    until : Limits, optional
-        Where to stop; else where tension is lost, a stretch comes within 1e-6 of its limit, to 1000 where
-        the elastomer has none or to the end of its measured curve, or the path comes back to zero voltage
-        (where it meets its mirror image) or to where it has been.
+    scenario : Scenario, path or mapping
+    to_voltage : float or str, optional
+        Voltage at which to stop, over H√(μ/ε); with [scales] also a text with a unit.
+    to_stretch : float, optional
+        Stretch of the first balloon with electrodes at which to stop.
+
+    Returns
+    -------
+    Curve
+        It ends where asked, or where tension is lost, a stretch comes within 1e-6 of its limit, to 1000
+        where the elastomer has none or to the end of its measured curve, or where the path comes back to
+        zero voltage (where it meets its mirror image) or to a branch point for the second time.
 
     Raises
     ------
     ScenarioError
-        If no balloon has electrodes, or the scenario does not begin by inflating.
+        If no balloon has electrodes, the scenario does not begin by inflating, an inflation ends in an event,
+        voltages move both with the valve open and with it closed, or a place to stop makes no sense.
     PathError
         If the path cannot be followed.
+
+    Examples
+    --------
+    >>> curve = trace("scenarios/fig3c_state_b.toml")
+    >>> [(point.kind, round(float(point.voltage[0]), 6)) for point in curve.points]
+    [('limit_point', 0.360441), ('limit_point', 0.270291), ('loss_of_tension', 0.500372)]
     """
+    scenario = load_scenario(scenario)
+    to_drive = None if to_voltage is None else dimensionless(scenario, "to_voltage", to_voltage, VOLTAGE, 0.0)
+    _check_stretch(scenario, to_stretch)
     device, group, start = sealed_state(scenario)
-    return _traced(scenario, device, group, start, until or Limits())
+    return _traced(scenario, device, group, start, to_drive, to_stretch)
 
 
-def trace_all(scenario: Scenario) -> tuple[Curve, ...]:
-    """The path from the sealed state, and those detached from it at the same amount of gas.
+def trace_all(scenario: ScenarioLike) -> tuple[Curve, ...]:
+    """The path of `trace`, and those detached from it on the same contents.
 
     The detached ones are those through any other equilibrium at zero voltage. Raises as `trace`.
     """
+    scenario = load_scenario(scenario)
     device, group, start = sealed_state(scenario)
-    curves = [_traced(scenario, device, group, start, Limits())]
+    curves = [_traced(scenario, device, group, start, None, None)]
     for rest in rests(device, group.equations.gas):  # type: ignore[union-attr]
         met = np.array([curve.stretch[i] for curve in curves for i in (0, -1)])
         if np.min(np.max(np.abs(met - rest[: met.shape[1]]), axis=1)) > 1e-7:
-            curves.append(_traced(scenario, device, group, rest, Limits()))
+            curves.append(_traced(scenario, device, group, rest, None, None))
     return tuple(curves)
 
 
-def trace_inflation(scenario: Scenario, balloon: str | None = None, until: Limits | None = None) -> Curve:
-    """One balloon's pressure-controlled curve from the stress-free state, over peak and valley.
+def trace_inflation(
+    scenario: ScenarioLike,
+    balloon: str | None = None,
+    *,
+    to_pressure: float | str | None = None,
+    to_stretch: float | None = None,
+) -> Curve:
+    """The curve of one balloon under pressure from the stress-free state, over peak and valley; no voltage.
 
     Parameters
     ----------
     scenario : Scenario
     balloon : str, optional
         Name; default the last one (in the paper the passive, reference balloon).
-    until : Limits, optional
-        Where to stop; default where the stretch comes within 1e-6 of its limit, or gets to 1000 where the
-        elastomer has none.
+    to_pressure : float or str, optional
+        Pressure at which to stop, over μH/R; with [scales] also a text with a unit.
+    to_stretch : float, optional
+        Stretch at which to stop.
+
+    Returns
+    -------
+    Curve
+        It ends where asked, or where the stretch comes within 1e-6 of its limit, to 1000 where the
+        elastomer has none, or to the end of its measured curve.
 
     Raises
     ------
     ScenarioError
-        If there is no balloon of that name.
+        If there is no balloon of that name, or a place to stop makes no sense.
     PathError
         If the path cannot be followed.
     """
+    scenario = load_scenario(scenario)
     device = Device.from_scenario(scenario)
     if balloon is not None and balloon not in device.names:
         raise ScenarioError(
             scenario.file, Problem("balloon", balloon, f"must be one of {', '.join(device.names)}")
         )
+    to_drive = (
+        None if to_pressure is None else dimensionless(scenario, "to_pressure", to_pressure, PRESSURE, 0.0)
+    )
+    _check_stretch(scenario, to_stretch)
     place = device.names.index(balloon) if balloon is not None else len(device.names) - 1
     device = device.bare(place)
     (group,) = groups.inflating(device, VoltageLine.common(0))
-    return _traced(scenario, device, group, np.array([1.0, 0.0]), until or Limits())
+    return _traced(scenario, device, group, np.array([1.0, 0.0]), to_drive, to_stretch)
 
 
-def sealed_state(scenario: Scenario) -> tuple[Device, Group, FloatArray]:
-    """The device, its equations under a common voltage, and the state in which the gas was sealed."""
-    steps = list(scenario.played_steps())
-    count = next((i for i, step in enumerate(steps) if not isinstance(step, Inflate)), len(steps))
-    if not scenario.electroded:
-        raise ScenarioError(
-            scenario.file, Problem("balloon", None, "one needs electrodes = true for a path in voltage")
-        )
-    if count == 0:
-        raise ScenarioError(
-            scenario.file, Problem("step.1", None, "must be an inflate step for a path in voltage")
-        )
-    history = simulate(scenario.model_copy(update={"steps": tuple(steps[:count])}))
-    if history.pressure[-1] <= 0.0:
-        raise ScenarioError(
-            scenario.file, Problem(f"step.{count}.inflate", 0.0, "must be > 0 for a path in voltage")
-        )
-    device = Device.from_scenario(scenario)
-    line = VoltageLine.common(len(device.electroded))
-    swelling = float(device.swelling(history.stretch[-1:])[0])
-    gas = device.law.sealed(float(history.pressure[-1]), swelling)
-    (group,) = groups.actuated(device, line, gas=gas)
-    start = np.array([*history.stretch[-1], history.pressure[-1], 0.0])
-    return device, group, newton.one_at_drive(group.equations, start)
+def _check_stretch(scenario: Scenario, to_stretch: float | None) -> None:
+    if to_stretch is not None and not (math.isfinite(to_stretch) and to_stretch >= 1.0):
+        raise ScenarioError(scenario.file, Problem("to_stretch", to_stretch, "must be a number >= 1"))
 
 
-def rests(device: Device, gas: Contents) -> list[FloatArray]:
-    """All equilibria (stretches…, p, 0) of the sealed device at zero voltage, stable or not.
-
-    Every balloon lies on its own inflation curve p(λ), at one common pressure p; on the monotone parts of
-    these curves λ is a function of p, and the gas law one equation for p in each combination of parts.
-    """
-    parts = [_monotone_parts(device, i) for i in range(len(device.names))]
-    (group,) = groups.actuated(device, VoltageLine.common(len(device.electroded)), gas=gas)
-    found: list[FloatArray] = []
-    for combination in itertools.product(*parts):
-        low = max(part[1][0] for part in combination)
-        high = min(part[1][-1] for part in combination)
-        if low >= high:
-            continue
-        pressures = np.unique(np.concatenate([part[1] for part in combination]))
-        pressures = np.concatenate([[low], pressures[(pressures > low) & (pressures < high)], [high]])
-        stretches = np.array([np.interp(pressures, part[1], part[0]) for part in combination])
-        excess = np.asarray(gas.defect(pressures, device.radius**3 @ stretches**3))
-        for i in np.flatnonzero(excess[:-1] * excess[1:] <= 0.0):
-            share = excess[i] / (excess[i] - excess[i + 1]) if excess[i] != excess[i + 1] else 0.0
-            guess = np.array([*stretches[:, i], pressures[i]])
-            guess += share * (np.array([*stretches[:, i + 1], pressures[i + 1]]) - guess)
-            try:
-                rest = newton.one_at_drive(group.equations, np.append(guess, 0.0))
-            except NotConverged:
-                continue
-            if not any(np.abs(rest - other).max() < 1e-8 for other in found):
-                found.append(rest)
-    return found
-
-
-def _monotone_parts(device: Device, balloon: int) -> list[tuple[FloatArray, FloatArray]]:
-    """Stretches and pressures, pressures rising, along each monotone part of a balloon's inflation curve."""
-    wall = device.walls[balloon]
-    limit = min(wall.elastomer.stretch_limit, largest_stretch(wall.elastomer))
-    top = limit * (1.0 - 1e-9) if np.isfinite(limit) else ENDLESS
-    stretches = np.concatenate(
-        [np.geomspace(1.0, 0.99 * top, 4000), top - np.geomspace(0.01 * top, 1e-9 * top, 400)[1:]]
-    )
-    numerator, denominator = wall.elastomer.pole_form(stretches)
-    pressures = numerator / denominator / (wall.pressure_load * stretches**2)
-    turns = np.flatnonzero(np.diff(np.sign(np.diff(pressures)))) + 1
-    pieces = zip([0, *turns], [*turns, stretches.size - 1], strict=True)
-    parts = [(stretches[i : j + 1], pressures[i : j + 1]) for i, j in pieces]
-    return [part if part[1][0] < part[1][-1] else (part[0][::-1], part[1][::-1]) for part in parts]
-
-
-def _traced(scenario: Scenario, device: Device, group: Group, start: FloatArray, until: Limits) -> Curve:
-    """The path from a state at which v begins to rise, until something ends it."""
-    equations, effort = group.equations, Effort()
-    pieces: list[_Piece] = []
-    found: list[tuple[str, int, FloatArray]] = []  # kind, pieces before it, state
-    ends = tuple(_ends(group, start, until))
-    state, rising = start, True
-    while True:
-        if len(pieces) > 2 * _MOST_TURNS:
-            raise PathError(f"the path turns more than {_MOST_TURNS} times")
-        sizes = eigenvalues(equations, state)
-        unstable, modes = int(np.count_nonzero(sizes < 0.0)), sizes.size
-        target = _target(equations.scales[-1], float(state[-1]), rising, until.v)
-        turns = _turns(group, unstable, modes)
-        segment = follow.follow(equations, (*turns, *ends), state, target, _RTOL, effort)
-        pieces.append(_Piece(segment.states, segment.dense, segment.speeds, unstable))
-        state = segment.states[:, -1]
-        end = "unbounded" if rising else "zero_voltage"
-        kind = segment.end or ("reached" if target == until.v else end)
-        if kind == "limit_point" and not newton.is_fold(equations, state):
-            kind = "branch_point"
-        been = any(k == kind and np.abs(s - state).max() < 1e-8 for k, _, s in found)
-        found.append(("closed" if been else kind, len(pieces), state))
-        if been or kind not in ("limit_point", "branch_point"):
-            break
-        piece = _beyond(equations, ends, state, segment.tangents[:, -1], unstable)
-        pieces.append(piece)
-        rising = bool(piece.states[-1, -1] > state[-1])
-        state = piece.states[:, -1]
-    return _curve(scenario, device, group, pieces, found, effort)
-
-
-def _ends(group: Group, start: FloatArray, until: Limits) -> Iterator[Condition]:
-    """What ends a path besides zero voltage: slack membranes, a stretch at its limit, a stretch asked for, or
-    the end of a measured curve.
-    """
-    ending = ("loss_of_tension", "out_of_range")
-    yield from (condition for condition in group.conditions if condition.kind in ending)
-    for place, wall in enumerate(group.equations.walls):
-        if np.isfinite(wall.elastomer.stretch_limit):
-            yield _stretch_condition(
-                "stretch_limit", place, wall.elastomer.stretch_limit - STRETCH_MARGIN, 1.0
-            )
-        elif not np.isfinite(largest_stretch(wall.elastomer)):
-            yield _stretch_condition("unbounded", place, ENDLESS, 1.0)
-    if until.stretch is not None:
-        place = next((i for i, m in enumerate(group.equations.membranes) if m.drive is not None), 0)
-        yield _stretch_condition(
-            "reached", place, until.stretch, 1.0 if until.stretch > start[place] else -1.0
-        )
-
-
-def _stretch_condition(kind: str, place: int, value: float, sign: float) -> Condition:
-    def margin(y: State) -> Number:
-        return sign * (value - y[place])
-
-    def slope(y: FloatArray) -> FloatArray:
-        out = np.zeros(y.size)
-        out[place] = -sign
-        return out
-
-    return Condition(kind, margin, slope)
-
-
-def _turns(group: Group, unstable: int, modes: int) -> tuple[Condition, ...]:
-    """The singular points at which the number of unstable directions goes down or up by one."""
-    down = (singularity(group.equations, unstable - 1, -1.0),) if unstable else ()
-    up = (singularity(group.equations, unstable, 1.0),) if unstable < modes else ()
-    return (*down, *up)
-
-
-def _target(scale: float, v: float, rising: bool, wanted: float | None) -> float:
-    """The v that ends a piece: the one asked for where it lies ahead, zero voltage, or out of reach."""
-    if wanted is not None and (wanted > v) == rising and wanted != v:
-        return wanted
-    return _FARTHEST * scale if rising else 0.0
-
-
-def _beyond(
-    equations: AnyEquations, ends: Sequence[Condition], point: FloatArray, tangent: FloatArray, unstable: int
-) -> _Piece:
-    """The short piece from a singular point to a state beyond it that is regular and breaks no condition."""
-    weights = 1.0 / equations.scales**2
-    for length in (_STEP_OFF, 0.1 * _STEP_OFF, 0.01 * _STEP_OFF):
-        guess = point + length * tangent
-        try:
-            states, _ = newton.on_planes(equations, guess[:, None], (weights * tangent)[:, None])
-        except NotConverged:
-            continue
-        values = states[:, 0].tolist()
-        count = int(np.count_nonzero(eigenvalues(equations, states[:, 0]) < 0.0))
-        if count != unstable and all(condition.margin(values) > 0.0 for condition in ends):
-            nodes = np.column_stack([point, states])
-            return _Piece(nodes, *straight(nodes), count)
-    raise PathError(f"the path cannot be taken up again beyond v = {point[-1]:.12g}")
-
-
-def _curve(
+def _traced(
     scenario: Scenario,
     device: Device,
     group: Group,
-    pieces: Sequence[_Piece],
-    found: Sequence[tuple[str, int, FloatArray]],
-    effort: Effort,
+    start: FloatArray,
+    to_drive: float | None,
+    to_stretch: float | None,
 ) -> Curve:
-    """Points and special points of the pieces, with everything derived from them."""
-    columns, arcs = [pieces[0].states[:, :1]], [np.zeros(1)]
-    counts, ends = [np.array([pieces[0].unstable])], []
-    for piece in pieces:
-        speed = np.sqrt(np.einsum("ijk,i->jk", piece.speeds**2, 1.0 / group.equations.scales**2))
-        # Arclength up to the Gauss points of each interval and to its end.
-        steps = np.concatenate([speed @ GAUSS_INTEGRALS.T, (speed @ GAUSS_WEIGHTS)[:, None]], axis=1)
-        steps[1:] += np.cumsum(steps[:-1, -1])[:, None]
-        arcs.append(arcs[-1][-1] + steps.ravel())
-        states = np.concatenate([piece.dense, piece.states[:, 1:, None]], axis=2)
-        columns.append(states.reshape(len(states), -1))
-        counts.append(np.full(steps.size, piece.unstable))
-        ends.append(arcs[-1][-1])
-    states = np.concatenate(columns, axis=1)
-    stretch = states[: len(device.names)].T
-    voltage = np.repeat(states[-1:].T, len(device.electroded), axis=1)
-    pressure = np.asarray(group.equations.pressure(states))
+    """The path from a state at which v begins to rise, as a result."""
+    place = device.electroded[0] if device.electroded else 0
+    stop = None
+    if to_stretch is not None:
+        stop = stretch_stop("reached", place, to_stretch, 1.0 if to_stretch > start[place] else -1.0)
+    path = whole_path(group, start, to_drive=to_drive, stop=stop)
+    return _curve(scenario, device, group, path)
+
+
+def _curve(scenario: Scenario, device: Device, group: Group, path: Path) -> Curve:
+    """Points and special points of a path, with everything derived from them."""
+    equations, many = group.equations, len(device.electroded)
+    points = path.points(equations.scales)
+    stretch = points.states[: len(device.names)].T
+    voltage = np.repeat(points.states[-1:].T, many, axis=1)
+    pressure = np.asarray(equations.pressure(points.states))
     gas = np.asarray(device.law.amount(pressure, device.volume(stretch)))
-    is_open = np.full(len(stretch), not group.equations.has_pressure)
+    is_open = np.full(len(stretch), equations.is_open)
     return Curve(
         title=scenario.title,
         balloons=device.names,
         electroded=tuple(device.names[i] for i in device.electroded),
-        arclength=np.concatenate(arcs),
+        arclength=points.arclength,
         voltage=voltage,
         stretch=stretch,
         pressure=pressure,
@@ -339,18 +182,18 @@ def _curve(
         charge=device.charge(stretch, voltage),
         energy=device.energy(stretch, pressure, voltage, gas, is_open),
         stability=device.stability(stretch, pressure, voltage, is_open),
-        unstable=np.concatenate(counts),
+        unstable=points.unstable,
         points=tuple(
             SpecialPoint(
-                kind,
-                float(ends[count - 1]),
-                np.full(len(device.electroded), state[-1]),
-                state[: len(device.names)],
-                float(group.equations.pressure(state)),
+                found.kind,
+                points.ends[found.pieces - 1],
+                np.full(many, found.state[-1]),
+                found.state[: len(device.names)],
+                float(equations.pressure(found.state)),
             )
-            for kind, count, state in found
+            for found in path.found
         ),
-        ida_steps=effort.ida_steps,
+        ida_steps=path.effort.ida_steps,
         radius=device.radius,
         scales=scenario.scales,
     )

@@ -383,11 +383,12 @@ def _traced(
     from simulator.analysis import trace as room
     from simulator.simulation.run import SolverError
 
-    until = room.Limits(v=to_drive, stretch=to_stretch)
     try:
         if inflation:
-            return (room.trace_inflation(scenario, balloon, until),)
-        return room.trace_all(scenario) if every else (room.trace(scenario, until),)
+            return (room.trace_inflation(scenario, balloon, to_pressure=to_drive, to_stretch=to_stretch),)
+        if every:
+            return room.trace_all(scenario)
+        return (room.trace(scenario, to_voltage=to_drive, to_stretch=to_stretch),)
     except (SolverError, ArithmeticError) as error:
         _fail(f"the solver failed: {error}\nnothing written", 3)
 

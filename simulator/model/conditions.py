@@ -42,7 +42,7 @@ def conditions(equations: Equations, strengths: Sequence[Strength | None]) -> tu
     `strengths` are those of its balloons' films, None where there is none.
     """
     found = [stability(equations)]
-    if equations.has_pressure:
+    if equations.can_go_slack:
         found.append(tension(len(equations.membranes)))
     for place, (membrane, strength) in enumerate(zip(equations.membranes, strengths, strict=True)):
         if strength is not None and membrane.drive is not None:

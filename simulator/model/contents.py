@@ -19,8 +19,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.model.coupling import CONSTRAINED, COUPLED, Spectrum
+from simulator.model.coupling import COUPLED, Spectrum
 from simulator.model.expansion import ISOTHERM, Expansion, work_against
+from simulator.model.liquid import Liquid
+from simulator.model.membranes import sum_of_cubes
 
 if TYPE_CHECKING:
     from simulator.model.membranes import AnyMembrane, Membrane
@@ -37,6 +39,16 @@ class Contents(Protocol):
     @property
     def spectrum(self) -> Spectrum:
         """How it couples the balloons' stabilities."""
+        ...
+
+    @property
+    def is_open(self) -> bool:
+        """Whether more can come in and go out."""
+        ...
+
+    @property
+    def slackens(self) -> bool:
+        """Whether the excess pressure can fall to 0: that of a gas in a vacuum cannot."""
         ...
 
     def defect(self, pressure: Number, cubes: Number) -> Number:
@@ -104,6 +116,12 @@ class IdealGas:
     ambient: Number
 
     spectrum = COUPLED
+    is_open = False
+
+    @property
+    def slackens(self) -> bool:
+        return bool(self.ambient > 0.0 or self.amount <= _TINY)
+
     flow_law = _gas_flow_law
     admitted = _any_volume
 
@@ -130,7 +148,7 @@ class IdealGas:
         stretches: Sequence[Number],
         v: Number,
     ) -> Number:
-        return 3.0 * self.amount / _cubes(walls, stretches) - self.ambient
+        return 3.0 * self.amount / sum_of_cubes(walls, stretches) - self.ambient
 
 
 @dataclass(frozen=True)
@@ -148,6 +166,12 @@ class SealedGas:
     expansion: Expansion
 
     spectrum = COUPLED
+    is_open = False
+
+    @property
+    def slackens(self) -> bool:
+        return bool(self.ambient > 0.0 or self.pressure <= 0.0)
+
     flow_law = _gas_flow_law
     admitted = _any_volume
 
@@ -180,33 +204,32 @@ class SealedGas:
         stretches: Sequence[Number],
         v: Number,
     ) -> Number:
-        return -self.defect(0.0, _cubes(walls, stretches))
+        return -self.defect(0.0, sum_of_cubes(walls, stretches))
 
 
 @dataclass(frozen=True)
-class Liquid:
-    """V = V₀ of the balloons, whatever the pressure. A rigid chamber full of it makes no difference."""
+class Supply:
+    """Gas or liquid from a supply at one excess pressure: the valve is open."""
 
-    volume: Number
+    pressure: Number
 
-    spectrum = CONSTRAINED
+    spectrum = COUPLED
+    is_open = True
+    slackens = False
+    flow_law = _gas_flow_law
+    admitted = _any_volume
 
     def defect(self, pressure: Number, cubes: Number) -> Number:
-        return cubes / (3.0 * self.volume) - 1.0
+        return pressure - self.pressure + 0.0 * cubes
 
     def linearised(self, pressure: Number, cubes: Number) -> tuple[Number, Number, Number]:
-        return cubes / (3.0 * self.volume) - 1.0, 0.0, 1.0 / self.volume
+        return pressure - self.pressure, 1.0, 0.0
 
     def stiffness(self, cubes: Number) -> Number:
-        return 1.0
+        return 0.0 * cubes
 
     def energy(self, swelling: Number) -> Number:
-        return 0.0
-
-    # The constraint V = V₀ does not contain the pressure. Its derivative in time does: with aᵢ = ∂V/∂λᵢ,
-    #     Σ aᵢ gᵢ(λ, p) = κ (V − V₀),
-    # where the right-hand side, zero on paper, draws the volume back to V₀ at the rate κ (J. Baumgarte,
-    # Comput. Methods Appl. Mech. Eng. 1 (1972) 1–16), so that the errors of the integration do not add up.
+        return -self.pressure * swelling
 
     def flow_pressure(
         self,
@@ -215,52 +238,7 @@ class Liquid:
         stretches: Sequence[Number],
         v: Number,
     ) -> Number:
-        push: Number = 0.0
-        per_pressure: Number = 0.0
-        cubes: Number = 0.0
-        for membrane, wall, x in zip(membranes, walls, stretches, strict=True):
-            area = wall.cube * x * x
-            weight = area * wall.modulus
-            push = push + weight * membrane.force(x, 0.0, v) / wall.elastomer.pole_form(x)[1]
-            per_pressure = per_pressure + weight * wall.pressure_load * x * x
-            cubes = cubes + area * x
-        return (push - _pace(walls) * (cubes / 3.0 - self.volume)) / per_pressure
-
-    def flow_law(
-        self, walls: Sequence[Membrane], y: Sequence[float], residual: list[Number], rows: list[list[Number]]
-    ) -> tuple[Number, list[Number]]:
-        count, pace = len(walls), _pace(walls)
-        value = -pace * residual[-1] * self.volume
-        slopes: list[Number] = [0.0] * (count + 1)
-        for i, (wall, x) in enumerate(zip(walls, y, strict=False)):
-            denominator = wall.elastomer.pole_form(x)[1]
-            denominator_slope = wall.elastomer.pole_form_slope(x)[1]
-            area = wall.cube * x * x
-            weight = area * wall.modulus / denominator
-            value += weight * residual[i]
-            slopes[i] = (
-                weight * (rows[i][i] + residual[i] * (2.0 / x - denominator_slope / denominator))
-                - pace * area
-            )
-            slopes[-1] += weight * rows[i][count]
-        return value, slopes
-
-    def admitted(
-        self, membranes: Sequence[AnyMembrane], walls: Sequence[Membrane], y: list[float]
-    ) -> list[float]:
-        stretches = y[: len(walls)]
-        for _ in range(30):
-            missing = self.volume - _cubes(walls, stretches) / 3.0
-            # Towards the volume where it costs least: a wall near its stretch limit hardly moves.
-            change = [
-                wall.cube * x * x * wall.elastomer.pole_form(x)[1] / wall.weight
-                for wall, x in zip(walls, stretches, strict=True)
-            ]
-            gain = sum(wall.cube * x * x * c for wall, x, c in zip(walls, stretches, change, strict=True))
-            stretches = [x + missing / gain * c for x, c in zip(stretches, change, strict=True)]
-            if abs(missing) <= 1e-15 * self.volume:
-                break
-        return [*stretches, self.flow_pressure(membranes, walls, stretches, y[-1]), y[-1]]
+        return self.pressure
 
 
 class Law(Protocol):
@@ -341,16 +319,3 @@ class Incompressible:
 
     def formula(self) -> str:
         return "liquid: Σ r³λ³/3 = constant"
-
-
-def _cubes(walls: Sequence[Membrane], stretches: Sequence[Number]) -> Number:
-    """Σ r³λ³."""
-    total: Number = 0.0
-    for wall, x in zip(walls, stretches, strict=True):
-        total = total + wall.cube * x * x * x
-    return total
-
-
-def _pace(walls: Sequence[Membrane]) -> Number:
-    """A rate of the flow: the largest modulus."""
-    return max(wall.modulus for wall in walls)

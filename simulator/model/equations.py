@@ -61,6 +61,16 @@ class Equations(Protocol):
         """What d and s of `stiffness` are to each other: how the balloons are coupled."""
         ...
 
+    @property
+    def is_open(self) -> bool:
+        """Whether the valve is open: the pressure is given."""
+        ...
+
+    @property
+    def can_go_slack(self) -> bool:
+        """Whether the pressure can fall to 0 by itself."""
+        ...
+
     def residual(self, y: State) -> list[Number]:
         """The equations' residuals, (n_unknowns − 1)."""
         ...
@@ -117,9 +127,9 @@ class Equations(Protocol):
 
 @dataclass(frozen=True)
 class SealedBalloons:
-    """Valve closed: force balances of all balloons, and the law of the gas (or liquid) that they share.
+    """Force balances of all balloons together, and the law of the gas (or liquid) that they share.
 
-    Unknowns (λ₁ … λₙ, p, v).
+    Unknowns (λ₁ … λₙ, p, v). Mostly the valve is closed; on a `Supply` they are together at a given pressure.
     """
 
     membranes: tuple[AnyMembrane, ...]
@@ -130,6 +140,14 @@ class SealedBalloons:
     @cached_property
     def spectrum(self) -> Spectrum:
         return self.gas.spectrum
+
+    @property
+    def is_open(self) -> bool:
+        return self.gas.is_open
+
+    @property
+    def can_go_slack(self) -> bool:
+        return self.gas.slackens
 
     @cached_property
     def walls(self) -> tuple[Membrane, ...]:
@@ -260,6 +278,8 @@ class OpenBalloon:
     pressure_rate: float
 
     has_pressure = False
+    is_open = True
+    can_go_slack = False
     spectrum = COUPLED
 
     @cached_property

@@ -15,6 +15,7 @@ a membrane would slow every access to its attributes.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from simulator.model.drive import Drive
@@ -280,3 +281,11 @@ def sphericity(membrane: AnyMembrane, stretch: Number, v: Number) -> Number:
         field = membrane.voltage(stretch, v) * stretch * denominator
         margin = margin - 2.0 * membrane.electric_load * field * field
     return margin
+
+
+def sum_of_cubes(walls: Sequence[Membrane], stretches: Sequence[Number]) -> Number:
+    """Σ r³λ³, three times the balloons' volume over 4πR³."""
+    total: Number = 0.0
+    for wall, x in zip(walls, stretches, strict=True):
+        total = total + wall.cube * x * x * x
+    return total

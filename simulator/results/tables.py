@@ -10,20 +10,16 @@ from __future__ import annotations
 import json
 import math
 import os
-import platform
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Sequence
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simulator.events import Outcome
+from simulator.results.csv_text import Columns, write_csv
 from simulator.results.files import write_files
+from simulator.results.record import run_record
 from simulator.units import VOLUME, in_si
 
 if TYPE_CHECKING:
@@ -33,14 +29,11 @@ if TYPE_CHECKING:
     from simulator.results.history import Event, FloatArray, History
     from simulator.results.sensitivity import Sensitivity
 
-Columns = dict[str, NDArray[Any]]
 
 RUN_FILES = ("history.csv", "events.csv", "run.json")
 TRACE_FILES = ("curve.csv", "points.csv")
 FOLD_FILE = "fold.csv"
 SENSITIVITIES_FILE = "sensitivities.csv"
-
-_ROWS_AT_ONCE = 8192
 
 
 def history_columns(history: History) -> Columns:
@@ -232,57 +225,6 @@ def points_table(curve: Curve) -> pd.DataFrame:
     return pd.DataFrame(point_columns([curve]))
 
 
-def run_record(history: History, failure: str | None = None) -> dict[str, Any]:
-    """What `run.json` says: the scenario, how its run ended, what it cost and which software did it.
-
-    Parameters
-    ----------
-    history : History
-    failure : str, optional
-        Message of the solver failure that ended the run early.
-
-    Returns
-    -------
-    dict
-        Plain values that strict JSON can carry; a number that is not finite is None.
-    """
-    import sksundae
-
-    scenario = history.scenario
-    balance = history.energy_balance
-    record = {
-        "title": scenario.title,
-        "source": scenario.source,
-        "outcome": history.outcome.value,
-        "partial": history.outcome is Outcome.FAILED,
-        "failure": failure,
-        "counts": {
-            "samples": len(history),
-            "steps": int(history.step[-1]) if len(history) else 0,
-            "branches": int(history.branch[-1]) + 1 if len(history) else 0,
-            "events": len(history.events),
-            "events_by_kind": dict(Counter(event.kind.value for event in history.events)),
-        },
-        **({"until": [asdict(stop) for stop in history.stops]} if history.stops else {}),
-        **({"films": [asdict(verdict) for verdict in history.verdicts]} if history.rated else {}),
-        "elastomers": history.elastomers,
-        "energy_balance": {**asdict(balance), "relative_imbalance": balance.relative_imbalance},
-        "statistics": asdict(history.statistics),
-        "scenario": scenario.to_dict(),
-        **({"scales": scenario.scales.record()} if scenario.scales else {}),
-        "versions": {
-            "dielectric-balloons": _own_version(),
-            "python": platform.python_version(),
-            "numpy": np.__version__,
-            "pandas": version("pandas"),
-            "scikit-sundae": version("scikit-sundae"),
-            "SUNDIALS": str(sksundae.SUNDIALS_VERSION),
-        },
-    }
-    plain: dict[str, Any] = _plain(record)
-    return plain
-
-
 def write_run(
     history: History, directory: str | os.PathLike[str], *, failure: str | None = None
 ) -> list[Path]:
@@ -312,7 +254,7 @@ def write_run(
     tables = {"history.csv": history_columns(history), "events.csv": event_columns(history)}
     text = json.dumps(run_record(history, failure), indent=2, ensure_ascii=False, allow_nan=False)
     writers: dict[str, Callable[[BinaryIO], object]] = {
-        name: partial(_write_csv, columns) for name, columns in tables.items()
+        name: partial(write_csv, columns) for name, columns in tables.items()
     }
     # run.json goes last: a reader who sees it sees the tables it belongs to.
     writers["run.json"] = lambda stream: stream.write(f"{text}\n".encode())
@@ -341,7 +283,7 @@ def write_curves(curves: Sequence[Curve], directory: str | os.PathLike[str]) -> 
         If the directory cannot be made or written to. What was there before is then still there.
     """
     tables = dict(zip(TRACE_FILES, (curve_columns(curves), point_columns(curves)), strict=True))
-    return write_files(directory, {name: partial(_write_csv, columns) for name, columns in tables.items()})
+    return write_files(directory, {name: partial(write_csv, columns) for name, columns in tables.items()})
 
 
 def fold_columns(curve: FoldCurve) -> Columns:
@@ -375,7 +317,7 @@ def write_fold(curve: FoldCurve, directory: str | os.PathLike[str]) -> list[Path
     OutputError
         If the directory cannot be made or written to.
     """
-    return write_files(directory, {FOLD_FILE: partial(_write_csv, fold_columns(curve))})
+    return write_files(directory, {FOLD_FILE: partial(write_csv, fold_columns(curve))})
 
 
 def write_sensitivities(found: Sequence[Sensitivity], directory: str | os.PathLike[str]) -> list[Path]:
@@ -388,7 +330,7 @@ def write_sensitivities(found: Sequence[Sensitivity], directory: str | os.PathLi
     """
     names = ("time", "step", "of", "value", "key", "parameter", "derivative")
     columns = {name: np.array([getattr(one, name) for one in found]) for name in names}
-    return write_files(directory, {SENSITIVITIES_FILE: partial(_write_csv, columns)})
+    return write_files(directory, {SENSITIVITIES_FILE: partial(write_csv, columns)})
 
 
 def _joined(curves: Sequence[Curve], parts: Sequence[Columns]) -> Columns:
@@ -420,53 +362,3 @@ def _stacked(records: tuple[Event, ...] | tuple[SpecialPoint, ...], attribute: s
         if value is not None:
             row[:] = value
     return rows
-
-
-def _write_csv(columns: Columns, stream: BinaryIO) -> None:
-    stream.write((",".join(columns) + "\n").encode())
-    for rows in _rows_of_text(list(columns.values())):
-        stream.write(rows.encode())
-
-
-def _rows_of_text(columns: list[NDArray[Any]]) -> Iterator[str]:
-    n_rows = columns[0].size
-    # One %-template for a whole row is the fastest formatting there is in pure Python: %r of a
-    # float is its shortest exact form.
-    formats = {"f": "%r", "i": "%d"}
-    columns = [
-        np.where(column, "true", "false") if column.dtype.kind == "b" else column for column in columns
-    ]
-    gaps = [column.dtype.kind == "f" and bool(np.isnan(column).any()) for column in columns]
-    cells = [
-        "%s" if gap else formats.get(column.dtype.kind, "%s")
-        for column, gap in zip(columns, gaps, strict=True)
-    ]
-    template = ",".join(cells) + "\n"
-    for start in range(0, n_rows, _ROWS_AT_ONCE):
-        chunk: list[list[Any]] = [column[start : start + _ROWS_AT_ONCE].tolist() for column in columns]
-        chunk = [
-            ["" if value != value else repr(value) for value in values] if gap else values
-            for values, gap in zip(chunk, gaps, strict=True)
-        ]
-        yield "".join([template % row for row in zip(*chunk, strict=True)])
-
-
-def _plain(value: Any) -> Any:
-    """The same value in types that strict JSON knows; None for NaN and infinities, which it does not."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if value is None or isinstance(value, bool | int):
-        return value
-    return str(value)
-
-
-def _own_version() -> str:
-    from simulator import __version__
-
-    return __version__

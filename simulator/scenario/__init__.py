@@ -14,7 +14,7 @@ from simulator.scenario.device import (
     Maxwell,
     PowerBreakdown,
 )
-from simulator.scenario.document import Dynamics, Output, Scenario, Shape, Solver, load_scenario
+from simulator.scenario.document import Scenario, ScenarioLike, load_scenario
 from simulator.scenario.elastomer import (
     ArrudaBoyce,
     Elastomer,
@@ -31,7 +31,9 @@ from simulator.scenario.elastomer import (
 )
 from simulator.scenario.errors import Problem, ScenarioError
 from simulator.scenario.presets import PRESETS
-from simulator.scenario.scales import Reference, dimension_of, dimensionless
+from simulator.scenario.quantities import dimension_of, dimensionless
+from simulator.scenario.scales import Reference
+from simulator.scenario.settings import Dynamics, Output, Shape, Solver
 from simulator.scenario.steps import (
     BalloonSine,
     BalloonTriangle,
@@ -89,6 +91,7 @@ __all__ = [
     "Reference",
     "Scenario",
     "ScenarioError",
+    "ScenarioLike",
     "Shape",
     "Sine",
     "SineByName",

@@ -3,76 +3,58 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from pydantic import BaseModel
 
+from simulator.scenario.device import Balloon, Gas
 from simulator.scenario.errors import Problem
+from simulator.scenario.settings import Dynamics, Output
 from simulator.scenario.steps import (
     Charge,
     Cycle,
     Hold,
     Inflate,
     Jump,
+    Ramp,
+    Sine,
     Step,
+    Table,
+    Triangle,
     Until,
     duration,
     numbered,
     until_of,
 )
 
-if TYPE_CHECKING:
-    from simulator.scenario.document import Output, Scenario
-
 MAX_SAMPLES = 10_000_000
 
 
-def disagreements(scenario: Scenario) -> Iterator[Problem]:
+class Parts(Protocol):
+    """What a scenario is made of, as far as it must agree."""
+
+    @property
+    def balloons(self) -> tuple[Balloon, ...]: ...
+    @property
+    def electroded(self) -> tuple[str, ...]: ...
+    @property
+    def gas(self) -> Gas: ...
+    @property
+    def steps(self) -> tuple[Step, ...]: ...
+    @property
+    def dynamics(self) -> Dynamics | None: ...
+    @property
+    def output(self) -> Output: ...
+
+
+def disagreements(scenario: Parts) -> Iterator[Problem]:
     """What no single field can see."""
     names = [balloon.name for balloon in scenario.balloons]
-    electroded = scenario.electroded
-    for index, balloon in enumerate(scenario.balloons):
-        if (first := names.index(balloon.name)) < index:
-            allowed = f"must be unique, balloon {first + 1} has this name too"
-            yield Problem(f"balloon.{index + 1}.name", balloon.name, allowed)
-        if balloon.breakdown and not balloon.electrodes:
-            key = f"balloon.{balloon.name}.breakdown"
-            yield Problem(key, _plain(balloon.breakdown), "needs electrodes = true on this balloon")
-        if balloon.maxwell and scenario.dynamics is None:
-            key = f"balloon.{balloon.name}.maxwell"
-            yield Problem(key, balloon.maxwell.model_dump(), "needs [dynamics] with a relaxation_time")
-    if scenario.dynamics is not None and scenario.gas.law == "liquid":
-        yield Problem("gas.law", "liquid", 'must be "isothermal" or "adiabatic" with [dynamics]')
-    if scenario.dynamics is not None and isinstance(times := scenario.dynamics.relaxation_time, dict):
-        for name in (name for name in times if name not in names):
-            allowed = f"no such balloon, must be one of {', '.join(names)}"
-            yield Problem(f"dynamics.relaxation_time.{name}", times[name], allowed)
-        for name in (name for name in names if name not in times):
-            yield Problem(f"dynamics.relaxation_time.{name}", None, "is missing, must be a number > 0")
+    yield from _of_balloons(scenario, names)
+    yield from _of_dynamics(scenario, names)
     for key, step in numbered(scenario.steps, "step"):
-        if isinstance(step, Inflate | Hold | Cycle):
-            continue
-        if isinstance(step, Charge) and scenario.dynamics is not None:
-            value = step.charge if isinstance(step.charge, dict) else float(step.charge)
-            yield Problem(f"{key}.charge", value, "does not go with [dynamics], which needs given voltages")
-        kind = next(iter(type(step).model_fields))
-        voltage = getattr(step, kind)
-        if not electroded:
-            yield Problem(
-                f"{key}.{kind}", _plain(voltage), "needs a balloon with electrodes = true, there is none"
-            )
-        elif isinstance(by_name := getattr(voltage, "balloons", voltage), dict):
-            for name in (name for name in by_name if name not in electroded):
-                value = by_name[name]
-                lack = "has no electrodes" if name in names else "no such balloon"
-                allowed = f"{lack}, must be one of {', '.join(electroded)}"
-                yield Problem(f"{key}.{kind}.{name}", _plain(value), allowed)
-        ends = until_of(step)
-        if ends and scenario.dynamics is not None:
-            # Where a flow in real time passes a value is not looked for.
-            yield Problem(f"{key}.until", _plain(ends), "needs a scenario without [dynamics]")
-        elif electroded and ends:
-            yield from _never(ends, f"{key}.until", names, electroded, step.valve)
+        if not isinstance(step, Inflate | Hold | Cycle):
+            yield from _of_drive(scenario, key, step, names)
     gas = scenario.gas
     if "exponent" in gas.model_fields_set and gas.law != "adiabatic":
         yield Problem("gas.exponent", gas.exponent, f'needs law = "adiabatic", is {gas.law}')
@@ -83,6 +65,59 @@ def disagreements(scenario: Scenario) -> Iterator[Problem]:
         key, value = ("points", output.points) if output.every is None else ("every", output.every)
         allowed = f"must ask for at most {MAX_SAMPLES:,} samples over the whole scenario"
         yield Problem(f"output.{key}", value, allowed)
+
+
+def _of_balloons(scenario: Parts, names: Sequence[str]) -> Iterator[Problem]:
+    for index, balloon in enumerate(scenario.balloons):
+        if (first := names.index(balloon.name)) < index:
+            allowed = f"must be unique, balloon {first + 1} has this name too"
+            yield Problem(f"balloon.{index + 1}.name", balloon.name, allowed)
+        if balloon.breakdown and not balloon.electrodes:
+            key = f"balloon.{balloon.name}.breakdown"
+            yield Problem(key, _plain(balloon.breakdown), "needs electrodes = true on this balloon")
+        if balloon.maxwell and scenario.dynamics is None:
+            key = f"balloon.{balloon.name}.maxwell"
+            yield Problem(key, balloon.maxwell.model_dump(), "needs [dynamics] with a relaxation_time")
+
+
+def _of_dynamics(scenario: Parts, names: Sequence[str]) -> Iterator[Problem]:
+    if scenario.dynamics is None:
+        return
+    if scenario.gas.law == "liquid":
+        yield Problem("gas.law", "liquid", 'must be "isothermal" or "adiabatic" with [dynamics]')
+    if isinstance(times := scenario.dynamics.relaxation_time, dict):
+        for name in (name for name in times if name not in names):
+            allowed = f"no such balloon, must be one of {', '.join(names)}"
+            yield Problem(f"dynamics.relaxation_time.{name}", times[name], allowed)
+        for name in (name for name in names if name not in times):
+            yield Problem(f"dynamics.relaxation_time.{name}", None, "is missing, must be a number > 0")
+
+
+def _of_drive(
+    scenario: Parts, key: str, step: Ramp | Charge | Jump | Sine | Triangle | Table, names: Sequence[str]
+) -> Iterator[Problem]:
+    """What a step that drives the electrodes cannot have in this scenario."""
+    electroded = scenario.electroded
+    if isinstance(step, Charge) and scenario.dynamics is not None:
+        value = step.charge if isinstance(step.charge, dict) else float(step.charge)
+        yield Problem(f"{key}.charge", value, "does not go with [dynamics], which needs given voltages")
+    kind = next(iter(type(step).model_fields))
+    voltage = getattr(step, kind)
+    if not electroded:
+        yield Problem(
+            f"{key}.{kind}", _plain(voltage), "needs a balloon with electrodes = true, there is none"
+        )
+    elif isinstance(by_name := getattr(voltage, "balloons", voltage), dict):
+        for name in (name for name in by_name if name not in electroded):
+            lack = "has no electrodes" if name in names else "no such balloon"
+            allowed = f"{lack}, must be one of {', '.join(electroded)}"
+            yield Problem(f"{key}.{kind}.{name}", _plain(by_name[name]), allowed)
+    ends = until_of(step)
+    if ends and scenario.dynamics is not None:
+        # Where a flow in real time passes a value is not looked for.
+        yield Problem(f"{key}.until", _plain(ends), "needs a scenario without [dynamics]")
+    elif electroded and ends:
+        yield from _never(ends, f"{key}.until", names, electroded, step.valve)
 
 
 def _plain(value: object) -> object:

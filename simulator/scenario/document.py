@@ -1,60 +1,26 @@
-"""A whole scenario, and the only door to it."""
+"""A whole scenario, and how it is read."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field, PlainSerializer, PrivateAttr, TypeAdapter, ValidationError
+from pydantic import AfterValidator, Field, PrivateAttr, TypeAdapter, ValidationError
 
 from simulator.scenario.checks import disagreements
 from simulator.scenario.device import Balloon, Gas
 from simulator.scenario.elastomer import Elastomer
 from simulator.scenario.errors import Problem, ScenarioError
-from simulator.scenario.fields import Chosen, Float, Frozen, Int, Text, Time, by_name, not_empty
+from simulator.scenario.fields import Frozen, Text, not_empty
+from simulator.scenario.mapping import near, quantities, with_values
 from simulator.scenario.reading import read_toml
 from simulator.scenario.scales import Scaled, scales_of
+from simulator.scenario.settings import Dynamics, Output, Shape, Solver
 from simulator.scenario.steps import PlayedStep, Step, unrolled
 from simulator.units import Scales, as_written
 
 _ELASTOMER: TypeAdapter[Any] = TypeAdapter(Elastomer)
-
-
-class Output(Frozen):
-    """Samples wanted: `points` for each step, or one `every` so much time."""
-
-    points: Annotated[Int, Field(ge=2, description="a whole number >= 2")] = 101
-    every: Annotated[Time | None, Field(description="a number > 0")] = None
-
-
-class Dynamics(Frozen):
-    """Balloons that take their time: τ dλ/dt = −g with the relaxation time τ, for all or by balloon name."""
-
-    relaxation_time: Annotated[
-        float | dict[str, float],
-        Chosen(by_name(Time)),
-        PlainSerializer(as_written),
-        Field(description="a number > 0, or a table with one for every balloon by name"),
-    ]
-
-    def relaxation_of(self, name: str) -> float:
-        """The relaxation time of a balloon."""
-        return self.relaxation_time[name] if isinstance(self.relaxation_time, dict) else self.relaxation_time
-
-
-class Shape(Frozen):
-    """What is done where a balloon would no longer stay a sphere."""
-
-    on_loss: Annotated[
-        Literal["record", "stop", "ignore"], Field(description='"record", "stop" or "ignore"')
-    ] = "record"
-
-
-class Solver(Frozen):
-    """Settings of the integrator."""
-
-    rtol: Annotated[Float, Field(ge=1e-12, le=1e-1, description="a number from 1e-12 to 0.1")] = 1e-3
 
 
 class Scenario(Frozen):
@@ -109,7 +75,8 @@ class Scenario(Frozen):
         Parameters
         ----------
         elastomers : mapping of str to elastomer
-            By balloon name: a table as in a file, or any object that fulfils `simulator.model.elastomers.Elastomer`,
+            By balloon name: a table as in a file, or any object that fulfils
+            `simulator.model.elastomers.Elastomer`,
             such as one of that package or one of your own. An object is checked when it is first used: its
             functions are held against each other by complex steps.
 
@@ -145,6 +112,33 @@ class Scenario(Frozen):
         )
         return self.model_copy(update={"balloons": balloons})
 
+    def with_values(self, values: Mapping[str, Any]) -> Scenario:
+        """The scenario with other values of some of its keys.
+
+        Parameters
+        ----------
+        values : mapping of str to value
+            By dotted key, as in messages: `gas.ambient_pressure`, `step.2.ramp`, `balloon.*.radius` (all
+            of them) or `balloon.active.radius`. With [scales] a text such as "20 kPa" is allowed too.
+
+        Raises
+        ------
+        ScenarioError
+            If there is no such key, or a value is not allowed there.
+
+        Examples
+        --------
+        >>> higher = scenario.with_values({"gas.ambient_pressure": 0.2, "step.2.ramp": 0.5})
+        """
+        written = self.to_dict()
+        try:
+            changed = with_values(written, values)
+        except KeyError as error:
+            key = str(error.args[0])
+            allowed = f"no such key, {near(key, quantities(written))}"
+            raise ScenarioError(self.file, Problem(key, None, allowed)) from None
+        return _validated(changed, self.file, "")
+
     def played_steps(self) -> Iterator[PlayedStep]:
         """Steps in the order they are played, cycles unrolled, one at a time."""
         return unrolled(self.steps)
@@ -158,15 +152,19 @@ class Scenario(Frozen):
         return self.model_dump(mode="json", by_alias=True, exclude_unset=True)
 
 
-def load_scenario(source: str | os.PathLike[str] | Mapping[str, Any]) -> Scenario:
+# A scenario, or what `load_scenario` makes one of.
+ScenarioLike = Scenario | str | os.PathLike[str] | Mapping[str, Any]
+
+
+def load_scenario(source: ScenarioLike) -> Scenario:
     """Read and check a scenario.
 
     Parameters
     ----------
-    source : path or mapping
+    source : path, mapping or Scenario
         A TOML file, or its content as a mapping. Paths of tables are relative to the folder of the
         file, for a mapping to the current directory. In a mapping a balloon's elastomer may also be an
-        object, see `Scenario.with_elastomers`.
+        object, see `Scenario.with_elastomers`. A scenario is returned as it is.
 
     Raises
     ------
@@ -184,6 +182,8 @@ def load_scenario(source: str | os.PathLike[str] | Mapping[str, Any]) -> Scenari
     >>> scenario.balloons[0].radius
     1.0
     """
+    if isinstance(source, Scenario):
+        return source
     data: Mapping[str, Any]
     if isinstance(source, Mapping):
         file, folder, data = "<dict>", "", source
@@ -194,6 +194,11 @@ def load_scenario(source: str | os.PathLike[str] | Mapping[str, Any]) -> Scenari
             data = read_toml(file)
         except ValueError as error:
             raise ScenarioError(file, Problem("", None, str(error))) from None
+    return _validated(data, file, folder)
+
+
+def _validated(data: Mapping[str, Any], file: str, folder: str) -> Scenario:
+    """The scenario of a mapping; tables are sought from a folder."""
     try:
         scales = scales_of(data["scales"]) if data.get("scales") is not None else None
         scenario = Scenario.model_validate(data, context={"file": file, "folder": folder, "scales": scales})

@@ -17,7 +17,7 @@ from simulator.events import Outcome
 from simulator.model.device import Device
 from simulator.model.drive import Leg, Way
 from simulator.results.history import History, Stop
-from simulator.scenario import duration, until_of
+from simulator.scenario import duration, load_scenario, until_of
 from simulator.simulation import motion
 from simulator.simulation.books import Books
 from simulator.simulation.present import Present
@@ -25,7 +25,7 @@ from simulator.simulation.quasi_static import QuasiStatic
 from simulator.simulation.recorder import Recorder
 
 if TYPE_CHECKING:
-    from simulator.scenario import PlayedStep, Scenario
+    from simulator.scenario import PlayedStep, Scenario, ScenarioLike
     from simulator.simulation.until import Watch
     from simulator.solver.follow import Effort
 
@@ -69,13 +69,17 @@ class Kinetics(Protocol):
         ...
 
 
-def simulate(scenario: Scenario, *, progress: Callable[[float], None] | None = None) -> History:
+def simulate(
+    scenario: ScenarioLike,
+    *,
+    progress: Callable[[float], None] | None = None,
+) -> History:
     """Play a scenario's steps and return what happened.
 
     Parameters
     ----------
-    scenario : Scenario
-        From `load_scenario`.
+    scenario : Scenario, path or mapping
+        From `load_scenario`, or what that takes.
     progress : callable, optional
         Called with the fraction of steps done, after each.
 
@@ -86,9 +90,18 @@ def simulate(scenario: Scenario, *, progress: Callable[[float], None] | None = N
 
     Raises
     ------
+    ScenarioError
+        If the scenario makes no sense.
     SolverError
         If the solver failed; with the history up to there.
+
+    Examples
+    --------
+    >>> history = simulate("scenarios/fig5b_state_b.toml")
+    >>> [event.kind.value for event in history.events]
+    ['limit_point', 'limit_point', 'jump']
     """
+    scenario = load_scenario(scenario)
     run = Run(scenario)
     total = sum(1 for _ in scenario.played_steps()) if progress else 0
     for number, step in enumerate(scenario.played_steps(), start=1):

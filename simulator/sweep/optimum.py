@@ -22,7 +22,7 @@ from pydantic import Field, ValidationError, ValidationInfo
 from simulator.results.files import write_files
 from simulator.scenario import Problem, ScenarioError
 from simulator.scenario.fields import Chosen, Float, Frozen, Int, refused
-from simulator.scenario.keys import near
+from simulator.scenario.mapping import near
 from simulator.scenario.reading import read_toml
 from simulator.sweep.plan import Sweep
 from simulator.sweep.reading import read_sweep

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.scenario.keys import near
+from simulator.scenario.mapping import near
 from simulator.sweep.loading import load_table
 from simulator.sweep.storage import read_record
 

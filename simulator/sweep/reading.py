@@ -18,7 +18,8 @@ from pydantic import Field, ValidationError, ValidationInfo
 from simulator import __version__
 from simulator.scenario import Cycle, Problem, Ramp, Scenario, ScenarioError, load_scenario
 from simulator.scenario.fields import Chosen, Float, Frozen, Int, Text, refused
-from simulator.scenario.keys import all_keys, near, physical_keys, quantity, value_at, with_values
+from simulator.scenario.keys import all_keys, physical_keys
+from simulator.scenario.mapping import near, quantity, value_at, with_values
 from simulator.scenario.reading import read_toml
 from simulator.sweep.plan import Axis, Job, Past, Recorded, Sample, Sweep, Value, drawn
 
@@ -255,6 +256,8 @@ def _of_keys(scenario: Scenario, read: SweepFile, axes: tuple[Axis, ...]) -> Ite
             value, allowed = problem
             yield Problem(name, value, allowed)
     asked = read.record.sensitivities
+    if asked and scenario.dynamics is not None:
+        yield Problem("record.sensitivities", None, "not with [dynamics]: a limit point is passed late")
     numbers = dict.fromkeys(physical_keys(scenario))
     for key in () if isinstance(asked, bool) else asked:
         if key not in numbers:

@@ -18,7 +18,7 @@ import numpy as np
 from simulator import __version__
 from simulator.events import EventKind, Outcome
 from simulator.scenario import Inflate, ScenarioError, load_scenario
-from simulator.scenario.keys import with_values
+from simulator.scenario.mapping import with_values
 from simulator.simulation.run import SolverError, simulate
 from simulator.sweep.plan import Job, Value
 

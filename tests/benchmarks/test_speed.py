@@ -16,7 +16,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from simulator.analysis.trace import Limits, _traced, sealed_state, trace
+from simulator.analysis.path import whole_path
+from simulator.analysis.trace import sealed_state, trace
 from simulator.simulation.run import simulate
 from simulator.solver import follow
 from tests.pairs import pair
@@ -133,7 +134,7 @@ def test_trace(benchmark, what):
     scenario = pair(INFLATION, UP, ambient=AMBIENT)
     if what == "trace":
         device, group, start = sealed_state(scenario)
-        benchmark(_traced, "3c B", device, group, start, Limits())
+        benchmark(whole_path, group, start)
     else:
         asked = [words for words in pieces_of(scenario) if words[0].has_pressure]
         benchmark(lambda: [follow._integrate(*words) for words in asked])

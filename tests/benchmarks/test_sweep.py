@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from simulator import load_scenario, simulate
-from simulator.scenario.keys import with_values
+from simulator.scenario.mapping import with_values
 from simulator.sweep import read_sweep, run_sweep
 from tests.pairs import pair
 from tests.sweeps import Here

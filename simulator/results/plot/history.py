@@ -19,6 +19,17 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from simulator.events import WORDS, EventKind, Outcome
+from simulator.results.plot.loops import (
+    GRID,
+    cell,
+    distinct_jumps,
+    first_passages,
+    last_of_branches,
+    moving,
+    polyline,
+    span,
+    travelled,
+)
 from simulator.results.plot.quantities import Labels, add_stretch_axis, shown_history
 from simulator.results.plot.style import (
     BLACK,
@@ -56,13 +67,10 @@ END_STYLE: dict[str, Any] = {
 MOST_POINTS = 3000
 MOST_TURNS = 150
 MOST_MARKED_EVENTS = 40
-MOST_ARROWS = 8
 LEGEND_COLUMNS = 6
 
 # Shorter than this part of the panel, an arrow is all head.
 SHORTEST_ARROW = 0.05
-
-_GRID = 1000  # a loop's points closer than 1/1000 of its height or width are one point
 
 
 def plot_history(history: History) -> Figure:
@@ -199,16 +207,16 @@ def plot_loop(history: History, ax: Axes) -> Axes:
     x = history.voltage[:, 0] if history.electroded else history.pressure
     y = history.stretch[:, balloon]
     if len(history):
-        spans = np.array([_span(x), _span(y)])
-        moving = _moving(x, y, history.branch, spans)
-        x, y, branch = x[moving], y[moving], history.branch[moving]
-        new = _first_passages(x, y, branch, spans)
-        ax.plot(*_polyline(x, y, new), color=colour, linewidth=1.8, solid_capstyle="round")
-        for start, end in _travelled(x, y, new, spans):
+        spans = np.array([span(x), span(y)])
+        kept = moving(x, y, history.branch, spans)
+        x, y, branch = x[kept], y[kept], history.branch[kept]
+        new = first_passages(x, y, branch, spans)
+        ax.plot(*polyline(x, y, new), color=colour, linewidth=1.8, solid_capstyle="round")
+        for start, end in travelled(x, y, new, spans):
             arrowhead(start, end, ax, colour)
         at_once = [event.time for event in history.events if event.kind is EventKind.JUMP]
-        first_the_drive = np.isin(history.time[moving], at_once)
-        for before, corner, after in _distinct_jumps(x, y, branch, spans, first_the_drive):
+        first_the_drive = np.isin(history.time[kept], at_once)
+        for before, corner, after in distinct_jumps(x, y, branch, spans, first_the_drive):
             ax.plot(*zip(before, corner, after, strict=True), color=colour, linewidth=1.2, linestyle="--")
             if dist(corner / spans, after / spans) > SHORTEST_ARROW:
                 arrowhead(corner, after, ax, colour)
@@ -237,12 +245,12 @@ def _draw_in_time(history: History, values: FloatArray, ax: Axes, colour: str, w
         bounds = np.append(low, low[-1]), np.append(high, high[-1])
         ax.fill_between(edges, *bounds, step="post", color=colour, alpha=0.35, linewidth=0.0)
         return
-    kept = _envelope(values, _last_of_branches(history.branch))
-    unmoved = _span(values) / _GRID
+    kept = _envelope(values, last_of_branches(history.branch))
+    unmoved = span(values) / GRID
     time, values, branch = history.time[kept], values[kept], history.branch[kept]
     # A jump of another quantity leaves this line whole.
     joined = np.asarray((np.diff(branch) == 0) | (np.abs(np.diff(values)) < unmoved))
-    ax.plot(*_polyline(time, values, joined), color=colour, linewidth=width, solid_capstyle="round")
+    ax.plot(*polyline(time, values, joined), color=colour, linewidth=width, solid_capstyle="round")
     ends = np.flatnonzero(~joined)
     gap = np.full(ends.size, np.nan)
     ax.plot(
@@ -261,7 +269,7 @@ def _is_crowded(values: FloatArray) -> bool:
 
 def _turns(values: FloatArray) -> int:
     # To within the grid: rounding errors of a constant turn at every sample.
-    moves = np.sign(np.diff(np.round(values / _span(values) * _GRID)))
+    moves = np.sign(np.diff(np.round(values / span(values) * GRID)))
     moves = moves[moves != 0]
     return int(np.count_nonzero(np.diff(moves)))
 
@@ -283,83 +291,6 @@ def _envelope(values: FloatArray, ends: IntArray) -> IntArray:
     return np.unique(np.concatenate([[0, values.size - 1], highest, lowest, ends, ends + 1])).astype(np.int64)
 
 
-def _last_of_branches(branch: IntArray) -> IntArray:
-    return np.flatnonzero(np.diff(branch))
-
-
-def _polyline(x: FloatArray, y: FloatArray, drawn: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Points of a line that is broken (by NaN) wherever the segment to the next point is not drawn."""
-    # Points with no drawn segment on either side go, so that a thousand retraced cycles cost nothing.
-    kept = np.flatnonzero(np.append(drawn, False) | np.insert(drawn, 0, False))
-    joined = drawn[kept[:-1]] & (np.diff(kept) == 1)
-    breaks = np.flatnonzero(~joined) + 1
-    return np.insert(x[kept], breaks, np.nan), np.insert(y[kept], breaks, np.nan)
-
-
-def _moving(x: FloatArray, y: FloatArray, branch: IntArray, spans: FloatArray) -> BoolArray:
-    """Samples that are somewhere else than the one before, and both ends of every branch."""
-    cell = _cells(x, y, spans)
-    jumps = np.diff(branch) != 0
-    moved = np.any(np.diff(cell, axis=0) != 0, axis=1) | jumps
-    return np.asarray(np.insert(moved, 0, True) | np.append(jumps, True))
-
-
-def _cells(x: FloatArray, y: FloatArray, spans: FloatArray) -> IntArray:
-    return np.round(np.column_stack([x, y]) / spans * _GRID).astype(np.int64)
-
-
-def _first_passages(x: FloatArray, y: FloatArray, branch: IntArray, spans: FloatArray) -> BoolArray:
-    """Of the segments between samples, those on one branch that were not drawn before, to within the grid."""
-    cell = _cells(x, y, spans)
-    steps = np.column_stack([cell[:-1], cell[1:]])
-    first = np.zeros(len(steps), dtype=bool)
-    if len(steps):
-        first[np.unique(steps, axis=0, return_index=True)[1]] = True
-    same_branch = np.diff(branch) == 0
-    return np.asarray(first & same_branch)
-
-
-def _travelled(
-    x: FloatArray, y: FloatArray, drawn: BoolArray, spans: FloatArray
-) -> list[tuple[Point, Point]]:
-    """Where to show the direction of travel: a short piece inside each long stretch of one direction."""
-    direction = np.where(drawn, np.sign(np.diff(x)), 0)
-    turns = np.flatnonzero(np.diff(direction)) + 1
-    scaled = np.column_stack([x, y]) / spans
-    runs = []
-    for start, end in zip([0, *turns], [*turns, len(drawn)], strict=True):
-        if direction.size == 0 or direction[start] == 0:
-            continue
-        length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(scaled[start : end + 1], axis=0).T))])
-        # Past the middle, so that the arrows of a curve travelled both ways do not sit on one another.
-        at = start + int(np.searchsorted(length, 0.6 * length[-1]))
-        runs.append((length[-1], at))
-    longest = sorted(runs, reverse=True)[:MOST_ARROWS]
-    return [
-        ((float(x[at - 1]), float(y[at - 1])), (float(x[at]), float(y[at])))
-        for length, at in longest
-        if length > 0.15 and at > 0
-    ]
-
-
-def _distinct_jumps(
-    x: FloatArray, y: FloatArray, branch: IntArray, spans: FloatArray, first_the_drive: BoolArray
-) -> list[tuple[Point, Point, Point]]:
-    """Before, corner and after of every jump that looks different.
-
-    Where a voltage jumps, first the drive moves, then the state. At a given charge a snap moves both at once.
-    """
-    jumps: dict[tuple[int, ...], tuple[Point, Point, Point]] = {}
-    for i in _last_of_branches(branch):
-        before, after = (float(x[i]), float(y[i])), (float(x[i + 1]), float(y[i + 1]))
-        moves_first = first_the_drive[i] and before[1] != after[1] and before[0] != after[0]
-        corner = (after[0], before[1]) if moves_first else before
-        key = (*_cell(before, spans), *_cell(after, spans))
-        if key[:2] != key[2:]:  # another balloon may have jumped
-            jumps.setdefault(key, (before, corner, after))
-    return list(jumps.values())
-
-
 def _distinct_marks(history: History, balloon: int, spans: FloatArray) -> list[tuple[EventKind, Point]]:
     """Kind and place of the events that concern the balloon shown, each place once."""
     marks: dict[tuple[EventKind, int, int], tuple[EventKind, Point]] = {}
@@ -370,9 +301,9 @@ def _distinct_marks(history: History, balloon: int, spans: FloatArray) -> list[t
             drive = _voltage_before(history, event)
         at = (drive, float(event.stretch_before[balloon]))
         after = event.stretch_after
-        if after is not None and _cell(at, spans) == _cell((drive, float(after[balloon])), spans):
+        if after is not None and cell(at, spans) == cell((drive, float(after[balloon])), spans):
             continue
-        key = (event.kind, *_cell(at, spans))
+        key = (event.kind, *cell(at, spans))
         marks.setdefault(key, (event.kind, at))
     return list(marks.values())
 
@@ -381,10 +312,6 @@ def _voltage_before(history: History, event: Event) -> float:
     rows = np.flatnonzero(history.time == event.time)
     same = rows[(history.stretch[rows] == event.stretch_before).all(axis=1)]
     return float(history.voltage[same[0] if same.size else rows[0], 0])
-
-
-def _cell(at: Point, spans: FloatArray) -> tuple[int, int]:
-    return round(at[0] / spans[0] * _GRID), round(at[1] / spans[1] * _GRID)
 
 
 def _legend(history: History) -> list[Artist]:
@@ -398,7 +325,7 @@ def _legend(history: History) -> list[Artist]:
     if any(_is_crowded(values) for values in stretch.T if values.size):
         handles.append(Patch(color=GREY, alpha=0.35, linewidth=0.0, label="range over many cycles"))
     kinds = Counter(event.kind for event in history.events)
-    if _last_of_branches(history.branch).size:
+    if last_of_branches(history.branch).size:
         label = "snap or jump" if EventKind.JUMP in kinds else "snap"
         handles.append(Line2D([], [], color=GREY, linewidth=1.2, linestyle="--", label=label))
     for kind, count in kinds.items():
@@ -438,10 +365,6 @@ def _most_moved(history: History, event: Event) -> int:
     if event.stretch_after is None:
         return _shown_balloon(history)
     return int(np.argmax(np.abs(np.log(event.stretch_after / event.stretch_before))))
-
-
-def _span(values: FloatArray) -> float:
-    return float(np.ptp(values)) or 1.0
 
 
 def _colour(history: History, name: str) -> str:

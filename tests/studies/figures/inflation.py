@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simulator.analysis.trace import Limits, trace_inflation
+from simulator.analysis.trace import trace_inflation
 from simulator.results.plot.curve import draw_path
 from simulator.scenario import load_scenario
 from simulator.simulation.run import simulate
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from simulator.scenario import Scenario
 
 
-_FAR = Limits(stretch=7.1)
+_FAR = 7.1  # stretch up to which curves are drawn
 _HIGHEST = 1.6
 _BIG = "#888888"
 
@@ -29,7 +29,7 @@ _BIG = "#888888"
 def draw_equal_balloons(scenarios: Path) -> Figure:
     """Fig. 2: the N-shaped curve, the states on it and the mechanical snap-through."""
     figure, ax = style.panel()
-    curve = trace_inflation(load_scenario(scenarios / "fig3a_state_c.toml"), "passive", _FAR)
+    curve = trace_inflation(load_scenario(scenarios / "fig3a_state_c.toml"), "passive", to_stretch=_FAR)
     plot_inflation(curve, ax, style.INK)
     _plot_snap(load_scenario(scenarios / "fig2_inflation.toml"), ax)
     peak = curve.points[0]
@@ -59,7 +59,7 @@ def draw_unequal_balloons(scenarios: Path) -> Figure:
         "passive": {"A": (11.0, -7.0), "B": (11.0, -6.0), "C": (11.0, 5.0)},
     }
     for balloon, (name, places) in enumerate(offsets.items()):
-        plot_inflation(trace_inflation(states["A"], name, _FAR), ax, (style.INK, _BIG)[balloon])
+        plot_inflation(trace_inflation(states["A"], name, to_stretch=_FAR), ax, (style.INK, _BIG)[balloon])
         for letter, scenario in states.items():
             style.state(letter, _inflated(scenario, balloon), ax, places[letter])
     ax.text(3.2, 1.86, r"active, $R_1 = 0.5\,R_2$", color=style.INK)

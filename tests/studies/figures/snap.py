@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simulator.analysis.trace import Limits, trace, trace_inflation
+from simulator.analysis.trace import trace, trace_inflation
 from simulator.model.device import Device
 from simulator.model.elastomers import tension_force
 from simulator.scenario import load_scenario
@@ -93,7 +93,7 @@ def draw_pressures_of_passive(scenarios: Path) -> Figure:
     figure, ax = style.panel()
     scenario = load_scenario(scenarios / SCENARIO)
     history = simulate(scenario)
-    plot_inflation(trace_inflation(scenario, "passive", Limits(stretch=1.6)), ax, style.INK)
+    plot_inflation(trace_inflation(scenario, "passive", to_stretch=1.6), ax, style.INK)
     event, after = snaps(history)[0]
     start = float(event.stretch_before[1]), event.pressure_before
     end = float(after[1]), float(event.pressure_after or 0.0)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simulator.analysis.trace import Limits, trace, trace_all
+from simulator.analysis.trace import trace, trace_all
 from simulator.scenario import load_scenario
 from simulator.simulation.run import simulate
 
@@ -104,7 +104,7 @@ class Case:
 
     def stretch_at(self, voltages: FloatArray) -> FloatArray:
         """Active stretches where the path first comes to voltages."""
-        return np.array([trace(self.scenario, Limits(v=v)).end.stretch[0] for v in voltages.tolist()])
+        return np.array([trace(self.scenario, to_voltage=v).end.stretch[0] for v in voltages.tolist()])
 
 
 def load_cases(scenarios: Path) -> dict[str, Case]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import optimize
 
-from simulator.analysis.trace import Limits, trace_inflation
+from simulator.analysis.trace import trace_inflation
 from simulator.model.device import Device
 from simulator.model.elastomers import Elastomer, tension_force
 from simulator.scenario import load_scenario
@@ -18,12 +18,12 @@ from tests.studies.paper.case import Case, Misprint, Statement
 if TYPE_CHECKING:
     from simulator.results.curve import Curve
 
-_FAR = Limits(stretch=7.17)
+_FAR = 7.17  # stretch up to which curves are traced
 
 
 def statements(scenarios: Path, cases: dict[str, Case]) -> list[Statement]:
     """The N-shaped curve, its states and its snap."""
-    curve = trace_inflation(cases["3a A"].scenario, "passive", _FAR)
+    curve = trace_inflation(cases["3a A"].scenario, "passive", to_stretch=_FAR)
     peak, valley = (point for point in curve.points if point.kind == "limit_point")
     top, bottom = float(peak.stretch[0]), float(valley.stretch[0])
     pressures = {letter: _load(cases[f"3a {letter}"]) for letter in "ABC"}
@@ -35,7 +35,7 @@ def statements(scenarios: Path, cases: dict[str, Case]) -> list[Statement]:
     parts = np.sign(np.diff(curve.pressure))
     turns = parts[np.insert(np.diff(parts) != 0, 0, True)].tolist()
     active, passive = (
-        trace_inflation(cases["5b A"].scenario, name, _FAR).points[0] for name in ("active", "passive")
+        trace_inflation(cases["5b A"].scenario, name, to_stretch=_FAR).points[0] for name in ("active", "passive")
     )
     return [
         Statement(
@@ -102,7 +102,7 @@ def misprints(cases: dict[str, Case]) -> list[Misprint]:
     ratios = []
     for name in ("3a A", "5b A"):
         peaks = [
-            trace_inflation(cases[name].scenario, balloon, _FAR).points[0]
+            trace_inflation(cases[name].scenario, balloon, to_stretch=_FAR).points[0]
             for balloon in ("active", "passive")
         ]
         ratios.append(peaks[0].pressure / peaks[1].pressure)

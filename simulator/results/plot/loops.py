@@ -1,0 +1,106 @@
+"""The stretch–voltage loop as lines and arrows: what is drawn of a path that is passed again and again."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from simulator.results.history import FloatArray
+
+    BoolArray = NDArray[np.bool_]
+    IntArray = NDArray[np.int64]
+    Point = tuple[float, float]
+
+MOST_ARROWS = 8
+GRID = 1000  # a loop's points closer than 1/1000 of its height or width are one point
+
+
+def polyline(x: FloatArray, y: FloatArray, drawn: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Points of a line that is broken (by NaN) wherever the segment to the next point is not drawn."""
+    # Points with no drawn segment on either side go, so that a thousand retraced cycles cost nothing.
+    kept = np.flatnonzero(np.append(drawn, False) | np.insert(drawn, 0, False))
+    joined = drawn[kept[:-1]] & (np.diff(kept) == 1)
+    breaks = np.flatnonzero(~joined) + 1
+    return np.insert(x[kept], breaks, np.nan), np.insert(y[kept], breaks, np.nan)
+
+
+def moving(x: FloatArray, y: FloatArray, branch: IntArray, spans: FloatArray) -> BoolArray:
+    """Samples that are somewhere else than the one before, and both ends of every branch."""
+    places = cells(x, y, spans)
+    jumps = np.diff(branch) != 0
+    moved = np.any(np.diff(places, axis=0) != 0, axis=1) | jumps
+    return np.asarray(np.insert(moved, 0, True) | np.append(jumps, True))
+
+
+def cells(x: FloatArray, y: FloatArray, spans: FloatArray) -> IntArray:
+    """Points on a grid of the panel, (n, 2)."""
+    return np.round(np.column_stack([x, y]) / spans * GRID).astype(np.int64)
+
+
+def first_passages(x: FloatArray, y: FloatArray, branch: IntArray, spans: FloatArray) -> BoolArray:
+    """Of the segments between samples, those on one branch that were not drawn before, to within the grid."""
+    places = cells(x, y, spans)
+    steps = np.column_stack([places[:-1], places[1:]])
+    first = np.zeros(len(steps), dtype=bool)
+    if len(steps):
+        first[np.unique(steps, axis=0, return_index=True)[1]] = True
+    same_branch = np.diff(branch) == 0
+    return np.asarray(first & same_branch)
+
+
+def travelled(x: FloatArray, y: FloatArray, drawn: BoolArray, spans: FloatArray) -> list[tuple[Point, Point]]:
+    """Where to show the direction of travel: a short piece inside each long stretch of one direction."""
+    direction = np.where(drawn, np.sign(np.diff(x)), 0)
+    turns = np.flatnonzero(np.diff(direction)) + 1
+    scaled = np.column_stack([x, y]) / spans
+    runs = []
+    for start, end in zip([0, *turns], [*turns, len(drawn)], strict=True):
+        if direction.size == 0 or direction[start] == 0:
+            continue
+        length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(scaled[start : end + 1], axis=0).T))])
+        # Past the middle, so that the arrows of a curve travelled both ways do not sit on one another.
+        at = start + int(np.searchsorted(length, 0.6 * length[-1]))
+        runs.append((length[-1], at))
+    longest = sorted(runs, reverse=True)[:MOST_ARROWS]
+    return [
+        ((float(x[at - 1]), float(y[at - 1])), (float(x[at]), float(y[at])))
+        for length, at in longest
+        if length > 0.15 and at > 0
+    ]
+
+
+def distinct_jumps(
+    x: FloatArray, y: FloatArray, branch: IntArray, spans: FloatArray, first_the_drive: BoolArray
+) -> list[tuple[Point, Point, Point]]:
+    """Before, corner and after of every jump that looks different.
+
+    Where a voltage jumps, first the drive moves, then the state. At a given charge a snap moves both at once.
+    """
+    jumps: dict[tuple[int, ...], tuple[Point, Point, Point]] = {}
+    for i in last_of_branches(branch):
+        before, after = (float(x[i]), float(y[i])), (float(x[i + 1]), float(y[i + 1]))
+        moves_first = first_the_drive[i] and before[1] != after[1] and before[0] != after[0]
+        corner = (after[0], before[1]) if moves_first else before
+        key = (*cell(before, spans), *cell(after, spans))
+        if key[:2] != key[2:]:  # another balloon may have jumped
+            jumps.setdefault(key, (before, corner, after))
+    return list(jumps.values())
+
+
+def cell(at: Point, spans: FloatArray) -> tuple[int, int]:
+    """One point on that grid."""
+    return round(at[0] / spans[0] * GRID), round(at[1] / spans[1] * GRID)
+
+
+def span(values: FloatArray) -> float:
+    """Height or width of the panel that values need; 1 where they are constant."""
+    return float(np.ptp(values)) or 1.0
+
+
+def last_of_branches(branch: IntArray) -> IntArray:
+    """Places of the last sample on each branch but the last."""
+    return np.flatnonzero(np.diff(branch))

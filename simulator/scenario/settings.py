@@ -1,0 +1,46 @@
+"""Tables of a scenario beside its device and steps: samples, real time, integrator."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, PlainSerializer
+
+from simulator.scenario.fields import Chosen, Float, Frozen, Int, Time, by_name
+from simulator.units import as_written
+
+
+class Output(Frozen):
+    """Samples wanted: `points` for each step, or one `every` so much time."""
+
+    points: Annotated[Int, Field(ge=2, description="a whole number >= 2")] = 101
+    every: Annotated[Time | None, Field(description="a number > 0")] = None
+
+
+class Dynamics(Frozen):
+    """Balloons that take their time: τ dλ/dt = −g with the relaxation time τ, for all or by balloon name."""
+
+    relaxation_time: Annotated[
+        float | dict[str, float],
+        Chosen(by_name(Time)),
+        PlainSerializer(as_written),
+        Field(description="a number > 0, or a table with one for every balloon by name"),
+    ]
+
+    def relaxation_of(self, name: str) -> float:
+        """The relaxation time of a balloon."""
+        return self.relaxation_time[name] if isinstance(self.relaxation_time, dict) else self.relaxation_time
+
+
+class Shape(Frozen):
+    """What is done where a balloon would no longer stay a sphere."""
+
+    on_loss: Annotated[
+        Literal["record", "stop", "ignore"], Field(description='"record", "stop" or "ignore"')
+    ] = "record"
+
+
+class Solver(Frozen):
+    """Settings of the integrator."""
+
+    rtol: Annotated[Float, Field(ge=1e-12, le=1e-1, description="a number from 1e-12 to 0.1")] = 1e-3
