@@ -1,4 +1,5 @@
-# Needs only Python >= 3.11 and make. Everything is installed into .venv, and nothing outside it.
+# Needs only Python >= 3.11 and make. Everything is installed into .venv, and nothing outside it;
+# `make lowest` and `make pythons` make environments of their own beside it.
 
 PYTHON ?= python3
 VENV := .venv
@@ -7,16 +8,30 @@ INSTALLED := $(VENV)/.installed
 DEMO := fig5b_state_b
 N ?= 10000
 SEED ?= 2026
+# Where `make fuzz` leaves its counts.
+REPORT ?= docs/fuzz.json
+# What pytest runs: `make test TESTS="tests/test_trace.py -x"`. Two processes take half the time.
+TESTS ?=
+WORKERS ?= 2
+# Further options of a study or of the benchmarks: `make accuracy OPTIONS="--repeat 1 --out results"`.
+OPTIONS ?=
 
-.PHONY: help venv demo test check bench fuzz
+.PHONY: help venv demo test check coverage lowest pythons bench fuzz accuracy stress paper figures
 
 help:
-	@echo "make demo    run scenarios/$(DEMO).toml, write its CSV files and its picture"
-	@echo "make test    run the tests"
-	@echo "make check   lint, check format, types and the import rules"
-	@echo "make bench   measure the speed against SciPy"
-	@echo "make fuzz    play N=$(N) random scenarios of SEED=$(SEED) against the closed form; docs/fuzz.json"
-	@echo "make venv    create or update the environment in $(VENV)"
+	@echo "make demo      run scenarios/$(DEMO).toml, write its CSV files and its picture"
+	@echo "make test      run the tests"
+	@echo "make check     lint, check format, types and the import rules"
+	@echo "make coverage  run the tests, and say which lines they do not reach"
+	@echo "make lowest    run the tests with the oldest releases that pyproject.toml allows"
+	@echo "make pythons   run the tests on every supported Python of this machine"
+	@echo "make bench     measure the speed against SciPy"
+	@echo "make fuzz      play N=$(N) random scenarios of SEED=$(SEED) against the closed form; $(REPORT)"
+	@echo "make accuracy  measure error against run time; docs/accuracy.md"
+	@echo "make stress    play stiff and extreme scenarios, and runs made to go wrong; docs/stability.md"
+	@echo "make paper     compare with every number of the paper; docs/paper.md"
+	@echo "make figures   draw the figures of the paper; docs/figures"
+	@echo "make venv      create or update the environment in $(VENV)"
 
 venv: $(INSTALLED)
 
@@ -27,7 +42,7 @@ demo: $(INSTALLED)
 	@echo "The picture:  results/$(DEMO)/history.png"
 
 test: $(INSTALLED)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses $(WORKERS) $(TESTS)
 
 check: $(INSTALLED)
 	$(BIN)/ruff check
@@ -35,12 +50,21 @@ check: $(INSTALLED)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+coverage: $(INSTALLED)
+	$(BIN)/python -m pytest --numprocesses $(WORKERS) --cov --cov-report=term-missing $(TESTS)
+
+lowest pythons: $(INSTALLED)
+	$(BIN)/python -m tests.environments $@ --numprocesses $(WORKERS) $(TESTS)
+
 bench: $(INSTALLED)
-	$(BIN)/python -m pytest benchmarks --benchmark-only
-	$(BIN)/python -m pytest benchmarks -k "memory or reach or cpu" -s
+	$(BIN)/python -m pytest tests/benchmarks --benchmark-only $(OPTIONS)
+	$(BIN)/python -m pytest tests/benchmarks -k "memory or reach or cpu" -s
 
 fuzz: $(INSTALLED)
-	$(BIN)/python -m tests.fuzz $(N) --seed $(SEED) --keep results/fuzz --report docs/fuzz.json
+	$(BIN)/python -m tests.fuzz $(N) --seed $(SEED) --keep results/fuzz --report $(REPORT)
+
+accuracy stress paper figures: $(INSTALLED)
+	$(BIN)/python -m tests.studies.$@ $(OPTIONS)
 
 # The mark is made last, so that an interrupted installation is done again.
 $(INSTALLED): pyproject.toml

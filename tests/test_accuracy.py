@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
 import subprocess
 import sys
@@ -11,15 +12,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from simulator.cli.app import app
 from simulator.scenario import ScenarioError, load_scenario
 from simulator.simulation.explanation import assembled
 from simulator.simulation.run import simulate
 from tests.pairs import pair, single
 from tests.studies import accuracy
 from tests.studies.accuracy import arclength, digest, page, study
+from tests.studies.accuracy.__main__ import main
 from tests.studies.accuracy.left_out import SCENARIOS, anatomies, imported, sets
 from tests.studies.accuracy.problem import Samples, WrongHistory, errors, load_task
 
@@ -222,12 +222,13 @@ def test_csv_goes_round_to_the_last_digit(rows):
         study.from_csv("a,b\n1,2\n")
 
 
-def test_command_writes_page_table_and_figure(tmp_path, monkeypatch, taken_apart):
+def test_command_writes_page_table_and_figure(tmp_path, monkeypatch, taken_apart, capsys):
     monkeypatch.setattr(accuracy, "anatomies", lambda: taken_apart)
     options = ["--rtol", "1e-3", "--rtol", "1e-6", "--rtol", "1e-9", "--delay", "1e-5", "--repeat", "1"]
     file = str(FILES / "fig3b_state_b.toml")
-    done = CliRunner().invoke(app.app, ["accuracy", file, "--out", str(tmp_path), *options])
-    assert (done.exit_code, done.stderr) == (0, "")
+    assert main([file, "--out", str(tmp_path), *options]) == 0
+    names = ", ".join(Path(name).name for name in accuracy.FILES)
+    assert capsys.readouterr() == (f"files    {tmp_path}: {names}\n", "")
     assert sorted(str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*.*")) == sorted(accuracy.FILES)
     found = study.from_csv((tmp_path / "accuracy.csv").read_text("utf-8"))
     assert {row.scenario for row in found} == {"fig3b_state_b"}
@@ -241,26 +242,41 @@ def test_command_writes_page_table_and_figure(tmp_path, monkeypatch, taken_apart
 
 
 @pytest.mark.parametrize("what", ["missing", "three balloons"])
-def test_command_says_what_is_wrong(tmp_path, what):
+def test_command_says_what_is_wrong(tmp_path, what, capsys):
     file = tmp_path / "scenario.toml"
     if what != "missing":
         gent = 'elastomer = { model = "gent", J_lim = 100 }'
         balloons = "".join(f'[[balloon]]\nname = "{n}"\nelectrodes = true\n{gent}\n' for n in "abc")
         step = "[[step]]\ninflate = 1.2\n[[step]]\nramp = 0.4\n"
         file.write_text(f'title = "three"\n[gas]\nambient_pressure = 0.1\n{balloons}{step}')
-    done = CliRunner().invoke(app.app, ["accuracy", str(file), "--out", str(tmp_path / "out")])
-    assert done.exit_code == 2
+    assert main([str(file), "--out", str(tmp_path / "out")]) == 2
     expected = "cannot be read" if what == "missing" else "the closed form needs two balloons"
-    assert expected in done.stderr
-    assert "scenario.toml" in done.stderr
+    said = capsys.readouterr().err
+    assert expected in said
+    assert "scenario.toml" in said
     assert not (tmp_path / "out").exists()
 
 
-def test_command_refuses_a_place_it_cannot_write(tmp_path):
+def test_command_refuses_a_place_it_cannot_write(tmp_path, capsys):
     (tmp_path / "taken").write_text("")
-    done = CliRunner().invoke(app.app, ["accuracy", "--out", str(tmp_path / "taken")])
-    assert done.exit_code == 2
-    assert "cannot write to" in done.stderr
+    assert main(["--out", str(tmp_path / "taken")]) == 2
+    assert "cannot write to" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--rtol", "0.2"], "argument --rtol: 0.2: must be from 1e-12 to 0.1"),
+        (["--rtol", "nan"], "argument --rtol: nan: must be from 1e-12 to 0.1"),
+        (["--delay", "soon"], "argument --delay: invalid number value: 'soon'"),
+        (["--repeat", "0"], "argument --repeat: 0: must be at least 1"),
+        (["--repeat", "1.5"], "argument --repeat: invalid whole number value: '1.5'"),
+    ],
+)
+def test_command_refuses_numbers_out_of_range(options, said, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(options)
+    assert said in capsys.readouterr().err
 
 
 def test_the_committed_table_has_every_case_and_the_floor():
@@ -284,11 +300,16 @@ def test_machine_names_processor_and_versions():
 
 # -- what is left out ------------------------------------------------------------------------------------
 
-ROOMS = {
-    "arrival", "assembly", "branch", "charged", "course", "device", "drive", "elastomer", "equilibrium",
-    "events", "flow", "gas", "history", "inflation", "model", "nearby", "path", "piece", "scenario",
-    "simulation", "spectrum", "strength", "units", "walk",
-}  # fmt: skip
+PACKAGES = {"events", "model", "results", "scenario", "simulation", "solver", "units"}
+ON_DEMAND = {
+    "model.elastomers.tabulated",
+    "results.curve",
+    "results.plot",
+    "results.tables",
+    "simulation.real_time",
+    "simulation.until",
+    "solver.viscous",
+}
 LIBRARIES = {
     "annotated_types",
     "numpy",
@@ -300,9 +321,15 @@ LIBRARIES = {
 SOLVER = {"sksundae", "scipy", "cython_runtime"}  # scikit-sundae brings scipy
 
 
+@pytest.mark.parametrize("name", sorted(ON_DEMAND))
+def test_what_is_loaded_on_demand_is_there(name):
+    assert importlib.util.find_spec(f"simulator.{name}")
+
+
 def test_a_run_imports_exactly_what_it_needs(taken_apart):
     for anatomy in taken_apart:
-        assert {name.partition(".")[0] for name in anatomy.modules} == ROOMS
+        assert {name.partition(".")[0] for name in anatomy.modules} == PACKAGES
+        assert not ON_DEMAND & set(anatomy.modules)
         assert set(anatomy.libraries) == (LIBRARIES | SOLVER if anatomy.solves else LIBRARIES)
         assert (anatomy.solves == 0) == (anatomy.title == "a balloon left alone")
 
@@ -317,9 +344,9 @@ def test_balloons_run_imports_exactly_what_it_needs(tmp_path):
         [sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, check=True
     )
     loaded = set(done.stderr.split())
-    rooms = {name.split(".")[1] for name in loaded if name.startswith("simulator.")}
-    assert rooms == ROOMS | {"cli", "cli_sweep", "terminal", "export", "files"}
-    assert not {"matplotlib", "scipy_dae", "mpmath"} & loaded
+    assert {name.split(".")[1] for name in loaded if name.startswith("simulator.")} == PACKAGES | {"cli"}
+    assert not {f"simulator.{name}" for name in ON_DEMAND - {"results.tables"}} & loaded
+    assert not {"matplotlib", "scipy_dae", "mpmath", "tests"} & loaded
 
 
 def test_a_process_that_fails_is_told():

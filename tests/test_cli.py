@@ -13,12 +13,12 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
-from histories import cycled_pair, slack_pair
+from click.testing import Result
 from typer.testing import CliRunner
 
-from simulator.cli import summary
-from simulator.cli import app
+from simulator.cli import app, summary
 from simulator.results.history import Outcome
+from tests.histories import cycled_pair, slack_pair
 
 ROOT = Path(__file__).parent.parent
 
@@ -69,7 +69,7 @@ def simulate(monkeypatch):
     return put
 
 
-def balloons(*arguments: object) -> object:
+def balloons(*arguments: object) -> Result:
     return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
@@ -181,7 +181,7 @@ def test_piped_output_has_no_colours(scenario, simulate):
 # --- a run that does not ---
 
 
-def assert_refused(result: object, directory: Path, *words: str) -> None:
+def assert_refused(result: Result, directory: Path, *words: str) -> None:
     assert result.exit_code == 2
     for word in words:
         assert word in result.stderr
@@ -281,8 +281,9 @@ class Terminal(io.StringIO):
 
 def on_a_terminal(monkeypatch) -> Terminal:
     monkeypatch.setenv("TERM", "xterm-256color")
-    monkeypatch.setattr(sys, "stderr", Terminal())
-    return sys.stderr
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    return terminal
 
 
 def test_a_short_run_shows_no_bar(monkeypatch):
@@ -295,8 +296,9 @@ def test_a_short_run_shows_no_bar(monkeypatch):
 
 def test_a_long_run_shows_a_bar_and_takes_it_away(monkeypatch):
     screen = on_a_terminal(monkeypatch)
-    monkeypatch.setattr(summary, "_PATIENCE", 0.0)
+    clock = time.monotonic
     with summary.progress_bar(quiet=False) as report:
+        monkeypatch.setattr(time, "monotonic", lambda: clock() + 10.0)  # at work for ten seconds
         report(0.5)
         shown = screen.getvalue()
         started = time.monotonic()

@@ -332,7 +332,8 @@ def test_objects_are_held_against_what_is_asked_of_them(wrong, message):
 
 def test_objects_that_are_no_elastomers():
     assert defect(3) == (
-        "must have energy, pole_form, pole_form_slope, stretch_limit, see simulator.model.elastomers.Elastomer"
+        "must have energy, pole_form, pole_form_slope, stretch_limit, "
+        "see simulator.model.elastomers.Elastomer"
     )
     assert defect(Polynomial(stretch_limit=0.5)) == "must have a stretch_limit > 1 (inf for none), is 0.5"
 

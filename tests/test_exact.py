@@ -325,7 +325,7 @@ def test_forces_are_derivatives_of_the_potential(seed: int) -> None:
     for i, (balloon, force) in enumerate(zip((pair.active, pair.passive), forces, strict=True)):
         x = [complex(a), complex(b)]
         x[i] += 1e-30j
-        slope = pair.potential(State(*x, 0.0), voltage).imag / 1e-30  # type: ignore[arg-type]
+        slope = pair.potential(State(x[0], x[1], 0.0), voltage).imag / 1e-30  # type: ignore[arg-type]
         scale = balloon.radius**2 * balloon.thickness
         assert slope == pytest.approx(scale * force, rel=1e-12, abs=1e-13 * scale)
 

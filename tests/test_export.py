@@ -13,11 +13,11 @@ import sys
 import textwrap
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
-from histories import cycled_pair, empty_pair, inflated_single, slack_pair
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -32,6 +32,7 @@ from simulator.results.tables import (
     history_table,
     write_run,
 )
+from tests.histories import cycled_pair, empty_pair, inflated_single, slack_pair
 
 TESTS = Path(__file__).parent
 # Since 3.1 pandas reads exactly unasked.
@@ -39,7 +40,7 @@ EXACT = {} if tuple(map(int, pd.__version__.split(".")[:2])) >= (3, 1) else {"fl
 NAMES = ["history.csv", "events.csv", "run.json"]
 
 
-def strict_json(path: Path) -> dict:
+def strict_json(path: Path) -> Any:
     def refuse(word: str) -> None:
         raise AssertionError(f"{word} is not JSON")
 
@@ -282,7 +283,7 @@ def in_another_process(program: str, directory: Path) -> subprocess.CompletedPro
     header = f"""
         import os, signal, sys
         sys.path.insert(0, {str(TESTS)!r})
-        from histories import cycled_pair
+        from tests.histories import cycled_pair
         from simulator.results.tables import write_run
         from simulator.results.files import OutputError
         directory = {str(directory)!r}

@@ -11,10 +11,11 @@ from scipy.optimize import brentq
 
 from simulator.analysis.trace import rests, sealed_state, trace, trace_all
 from simulator.model.conditions import eigenvalues, softest_mode, stability
-from simulator.model.contents import Liquid, SealedGas
+from simulator.model.contents import SealedGas
 from simulator.model.coupling import CONSTRAINED, COUPLED
 from simulator.model.drive import VoltageLine
 from simulator.model.expansion import Adiabat, Isotherm
+from simulator.model.liquid import Liquid
 from tests.pairs import kinds, pair, run, single
 from tests.test_model import device, gradient
 

@@ -66,8 +66,8 @@ def test_package_is_typed():
 def test_names_are_not_modules():
     """No module of the package is named like a function of it, so import order cannot matter."""
     python(
-        "import simulator.simulation.run, simulator.simulation.explanation; from simulator import simulate, explain; "
-        "assert callable(simulate) and callable(explain)"
+        "import simulator.simulation.run, simulator.simulation.explanation; "
+        "from simulator import simulate, explain; assert callable(simulate) and callable(explain)"
     )
 
 

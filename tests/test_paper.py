@@ -6,11 +6,11 @@ import struct
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from simulator.cli.app import app
 from tests.studies.figures import FIGURES, draw_figures
+from tests.studies.figures.__main__ import main as figures
 from tests.studies.paper import paper_page, statements
+from tests.studies.paper.__main__ import main as paper
 from tests.studies.paper.case import VERDICTS, Statement, load_cases
 from tests.studies.paper.formulation import misprints as misprints_of_the_equations
 from tests.studies.paper.inflation import misprints as misprints_of_fig_2
@@ -100,28 +100,24 @@ def test_every_figure_of_the_page_is_there():
         assert (ROOT / f"docs/figures/{name}.png").stat().st_size < 150_000
 
 
-def test_commands_write_page_and_figures(tmp_path, monkeypatch):
+def test_commands_write_page_and_figures(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(
         "tests.studies.figures.FIGURES",
         {name: FIGURES[name] for name in ("fig2", "fig4a", "fig5b", "history5b_b")},
     )
-    options = ["--scenarios", str(SCENARIOS)]
-    done = CliRunner().invoke(app.app, ["figures", "--out", str(tmp_path / "figures"), *options])
-    assert done.exit_code == 0
+    options = ["--scenarios", str(SCENARIOS), "--quiet"]
+    assert figures(["--out", str(tmp_path / "figures"), *options]) == 0
     content = (tmp_path / "figures/fig4a.png").read_bytes()
     assert struct.unpack(">II", content[16:24]) == (960, 720)
     again = draw_figures(SCENARIOS)
     assert {name: (tmp_path / "figures" / name).read_bytes() for name in again} == again
-    done = CliRunner().invoke(app.app, ["paper", "--out", str(tmp_path / "page.md"), "--quiet", *options])
-    assert (done.exit_code, done.stdout) == (0, "")
+    assert paper(["--out", str(tmp_path / "page.md"), *options]) == 0
+    assert capsys.readouterr() == ("", "")
     assert (tmp_path / "page.md").read_text("utf-8").startswith("# The paper, number by number\n")
 
 
-@pytest.mark.parametrize("name", ["figures", "paper"])
-def test_a_folder_without_the_scenarios_is_said(tmp_path, name):
-    done = CliRunner().invoke(
-        app.app, [name, "--out", str(tmp_path / "out" / "x"), "--scenarios", str(tmp_path)]
-    )
-    assert done.exit_code == 2
-    assert "fig3a_state_" in done.stderr
+@pytest.mark.parametrize("command", [figures, paper])
+def test_a_folder_without_the_scenarios_is_said(tmp_path, command, capsys):
+    assert command(["--out", str(tmp_path / "out" / "x"), "--scenarios", str(tmp_path)]) == 2
+    assert "fig3a_state_" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

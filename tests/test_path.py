@@ -7,17 +7,19 @@ import pytest
 
 from simulator.analysis.trace import sealed_state, trace
 from simulator.simulation.run import Run, SolverError, simulate
-from simulator.solver import certify, follow, newton
+from simulator.solver import newton, segment
 from simulator.solver.branch import Branch
-from simulator.solver.follow import Effort
+from simulator.solver.certify import Proposal, certified
+from simulator.solver.follow import PathError, follow
+from simulator.solver.ida import Effort
 from tests.pairs import pair, run
 
 
 def test_gauss_rules():
     for power in range(5):
-        exact = certify.GAUSS_POINTS ** (power + 1) / (power + 1)
-        assert certify.GAUSS_INTEGRALS @ certify.GAUSS_POINTS**power == pytest.approx(exact, abs=1e-13)
-        assert certify.GAUSS_WEIGHTS @ certify.GAUSS_POINTS**power == pytest.approx(
+        exact = segment.GAUSS_POINTS ** (power + 1) / (power + 1)
+        assert segment.GAUSS_INTEGRALS @ segment.GAUSS_POINTS**power == pytest.approx(exact, abs=1e-13)
+        assert segment.GAUSS_WEIGHTS @ segment.GAUSS_POINTS**power == pytest.approx(
             1 / (power + 1), abs=1e-14
         )
 
@@ -80,8 +82,11 @@ def test_a_segment_that_is_no_path_is_refused():
     points, directions = branch.states.copy(), branch.tangents.copy()
     points[:, 5] = points[:, 9]  # back and forth
     with pytest.raises(newton.NotConverged):
-        certify._polished(
-            branch.equations, branch.conditions, points, directions, len(branch.conditions), 0.3
+        certified(
+            branch.equations,
+            branch.conditions,
+            Proposal(points, directions, len(branch.conditions)),
+            0.3,
         )
 
 
@@ -92,8 +97,8 @@ def test_an_unstable_stretch_is_not_taken_for_a_branch():
     curve = trace(scenario)
     place = int(np.flatnonzero(curve.unstable == 1)[40])
     state = np.array([*curve.stretch[place], curve.pressure[place], curve.voltage[place, 0]])
-    with pytest.raises(follow.PathError):
-        follow.follow(group.equations, group.conditions, state, state[-1] - 0.01, 1e-4, Effort())
+    with pytest.raises(PathError):
+        follow(group.equations, group.conditions, state, state[-1] - 0.01, 1e-4, Effort())
 
 
 def test_work_that_is_not_what_the_potential_lost_is_an_error(monkeypatch):

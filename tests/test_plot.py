@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from histories import cycled_pair, empty_pair, inflated_single, scenario, slack_pair
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -24,15 +24,16 @@ from simulator.results.plot import (
     plot_stretches,
     plot_voltage,
 )
+from tests.histories import cycled_pair, empty_pair, inflated_single, scenario, slack_pair
 
 PICTURED = [cycled_pair(), slack_pair(), inflated_single(), empty_pair(), cycled_pair(cycles=300)]
 
 
-def axes() -> object:
+def axes() -> Axes:
     return Figure().add_subplot()
 
 
-def lines(ax: object, style: str) -> list[Line2D]:
+def lines(ax: Axes, style: str) -> list[Line2D]:
     return [line for line in ax.get_lines() if line.get_linestyle() == style]
 
 
@@ -149,7 +150,7 @@ def test_legend_names_balloons_snaps_and_events_with_their_number():
 
 
 def test_the_end_is_marked_unless_an_event_is():
-    def ends(history: object) -> list[tuple[float, float]]:
+    def ends(history):
         marked = [line for line in plot_loop(history, axes()).get_lines() if line.get_marker() == "o"]
         return [(line.get_xdata()[0], line.get_ydata()[0]) for line in marked]
 
@@ -174,7 +175,7 @@ def test_title_is_taken_literally():
 
 
 def test_ending_is_told_where_it_is_not_the_end_of_the_scenario():
-    def ending(history: object) -> str:
+    def ending(history):
         return plot_history(history).axes[-1].get_title(loc="right")
 
     assert ending(cycled_pair()) == ""
@@ -236,7 +237,7 @@ def test_nothing_overlaps_the_legend():
 def test_pyplot_is_not_loaded():
     program = (
         "import sys; sys.path.insert(0, 'tests');"
-        "from histories import cycled_pair; from simulator.results.plot import draw_png;"
+        "from tests.histories import cycled_pair; from simulator.results.plot import draw_png;"
         "draw_png(cycled_pair()); sys.exit('matplotlib.pyplot' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", program], cwd=Path(__file__).parent.parent, check=False)

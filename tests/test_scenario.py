@@ -1060,7 +1060,7 @@ def test_a_table_needs_electrodes(tmp_path: Path) -> None:
 # -- speed ---------------------------------------------------------------------------------------------
 
 
-def fastest(function, times: int) -> float:  # type: ignore[no-untyped-def]
+def fastest(function, times: int) -> float:
     seconds = []
     for _ in range(times):
         start = time.perf_counter()

@@ -30,11 +30,11 @@ VOLTAGE = 0.5e-3 * FIELD
 
 
 @pytest.fixture(scope="module")
-def history():  # type: ignore[no-untyped-def]
+def history():
     return run(load_scenario(VHB))
 
 
-def test_a_scenario_in_units_and_its_twin_have_one_history(history) -> None:  # type: ignore[no-untyped-def]
+def test_a_scenario_in_units_and_its_twin_have_one_history(history) -> None:
     twin = run(
         load_scenario(
             {
@@ -64,7 +64,7 @@ def test_a_scenario_in_units_and_its_twin_have_one_history(history) -> None:  # 
         assert event.stretch_after == pytest.approx(other.stretch_after, rel=1e-12)
 
 
-def test_si_columns_satisfy_the_equations_in_si(history) -> None:  # type: ignore[no-untyped-def]
+def test_si_columns_satisfy_the_equations_in_si(history) -> None:
     """Laplace's law, plate capacitor, gas law: no scale of ours in them."""
     table = history.to_dataframe()
     permittivity = 4.7 * 8.8541878128e-12
@@ -90,7 +90,7 @@ def test_si_columns_satisfy_the_equations_in_si(history) -> None:  # type: ignor
     np.testing.assert_array_equal(table["time [s]"], table["time"])
 
 
-def test_work_in_joules_balances_in_joules(history) -> None:  # type: ignore[no-untyped-def]
+def test_work_in_joules_balances_in_joules(history) -> None:
     """Over the loop at constant gas, ∫Φ dQ is what the snaps dissipate."""
     table, events = history.to_dataframe(), history.events_to_dataframe()
     loop = table[table["step"] > 1]
@@ -99,7 +99,7 @@ def test_work_in_joules_balances_in_joules(history) -> None:  # type: ignore[no-
     assert work == pytest.approx(events["dissipated [J]"].sum(), rel=1e-3)  # trapezia of 0.1 s
 
 
-def test_columns_have_their_unit_in_the_name(history, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_columns_have_their_unit_in_the_name(history, tmp_path: Path) -> None:
     columns = list(history.to_dataframe().columns)
     assert columns[13:] == [
         "time [s]", "voltage_active [V]", "radius_active [m]", "radius_passive [m]", "pressure [Pa]",
@@ -119,7 +119,7 @@ def test_columns_have_their_unit_in_the_name(history, tmp_path: Path) -> None:  
     assert load_scenario(record["scenario"]) == history.scenario
 
 
-def test_the_shipped_snap_is_where_its_title_says(history) -> None:  # type: ignore[no-untyped-def]
+def test_the_shipped_snap_is_where_its_title_says(history) -> None:
     up, down = history.events_to_dataframe()["voltage_active [V]"]
     assert round(up / 1e3, 1) == 4.4
     assert f"{up / 1e3:.1f} kV" in history.scenario.title
@@ -262,7 +262,7 @@ def test_explanations_say_what_one_is() -> None:
     assert "pressure 1 is 1.125 kPa voltage 1 is 16.4419 kV field 1 is 32.8839 MV/m" in said
 
 
-def test_pictures_show_kilovolts_and_millimetres(history) -> None:  # type: ignore[no-untyped-def]
+def test_pictures_show_kilovolts_and_millimetres(history) -> None:
     voltage, pressure, radius, loop = history.plot().axes
     assert voltage.get_ylabel() == "voltage\nΦ [kV]"
     assert pressure.get_ylabel() == "pressure\nP [kPa]"

@@ -15,7 +15,8 @@ from simulator.model.device import Device
 from simulator.model.drive import VoltageLine
 from simulator.model.strength import ConstantStrength, PowerStrength
 from simulator.results.history import Outcome
-from simulator.results.tables import history_columns, run_record
+from simulator.results.record import run_record
+from simulator.results.tables import history_columns
 from simulator.scenario import load_scenario
 from simulator.simulation.explanation import explain
 from tests.oracle.closed_form import SealedPair

@@ -9,17 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from simulator import load_scenario, simulate
-from simulator.cli.app import app
-from simulator.solver import certify, flow, follow
+from simulator.solver import certify, flow, landing, newton, proposals
 from tests import fuzz
 from tests.pairs import pair
 from tests.studies.stress import FAILS, Case, Finding, Row, cases, examine
+from tests.studies.stress.__main__ import main
 from tests.studies.stress.case import counted
 from tests.studies.stress.cost import shares
-from tests.studies.stress.page import stability_page
+from tests.studies.stress.page import Effort, stability_page
 from tests.studies.stress.sabotage import Disturbance, Tally, difference, disturbances, random_pairs, tallies
 from tests.studies.stress.voltages import coincidence
 
@@ -161,7 +160,8 @@ def test_loose_tolerance_on_all_shipped_scenarios_and_a_slice_of_the_fuzz() -> N
 def test_a_silent_error_would_be_counted() -> None:
     """The tally is no ornament: a path whose checks are gone comes out wrong."""
     blind = DISTURBANCES["IDA's root finder blind for all events"]
-    (tally,) = tallies(SNAPPING, [replace(blind, during=lambda strikes: _unchecked(blind, strikes))])
+    slack = pair(0.6, {"ramp": 0.67}, ambient=1.0).to_dict()  # tension is lost just before its end
+    (tally,) = tallies([slack] * 4, [replace(blind, during=lambda strikes: _unchecked(blind, strikes))])
     assert tally.wrong
 
 
@@ -169,8 +169,20 @@ def _unchecked(disturbance: Disturbance, strikes):
     from contextlib import ExitStack
 
     stack = ExitStack()
-    for name in ("_check_smooth", "_check_end", "_check_margins"):
-        stack.enter_context(pytest.MonkeyPatch.context()).setattr(certify, name, lambda *_: None)
+    nothing = np.zeros(0, dtype=np.int64)
+
+    polished_end = certify.polished_end
+
+    def at_target(equations, conditions, proposal, target):
+        if proposal.ended < len(conditions):
+            return polished_end(equations, conditions, proposal, target)
+        end = proposal.points[:, -1].copy()
+        end[-1] = target
+        return newton.one_at_drive(equations, end), None
+
+    patch = stack.enter_context(pytest.MonkeyPatch.context())
+    patch.setattr(certify, "judged", lambda *_: (nothing, None))
+    patch.setattr(certify, "polished_end", at_target)
     stack.enter_context(disturbance.during(strikes))
     return stack
 
@@ -184,27 +196,24 @@ def test_difference() -> None:
 
 
 def test_disturbances_leave_nothing_behind() -> None:
-    before = (follow._integrate, follow.newton, flow.integrate, flow.newton, follow._ATTEMPTS)
+    def seen() -> tuple[object, ...]:
+        return proposals.by_ida, proposals.ATTEMPTS, certify.newton, flow.integrate, landing.newton
+
+    before = seen()
     tallies(SNAPPING[:1], disturbances())
-    assert before == (
-        follow._integrate,
-        follow.newton,
-        flow.integrate,
-        flow.newton,
-        follow._ATTEMPTS,
-    )
+    assert seen() == before
 
 
 # -- cost and page -------------------------------------------------------------------------------------
 
 
 def test_shares_of_the_checks() -> None:
-    before = certify._check_margins
+    before = certify.judged
     found = shares([load_scenario(file) for file in SHIPPED[:2]], repetitions=1)
-    assert certify._check_margins is before
-    assert len(found) == 5
+    assert certify.judged is before
+    assert len(found) == 4
     assert all(0.0 <= share < 1.0 for share in found.values())
-    assert found["margins (`_check_margins`)"] > 0.0
+    assert found["margins (`judged`)"] > 0.0
 
 
 @pytest.fixture(scope="module")
@@ -230,7 +239,7 @@ def test_the_committed_page_has_every_case_with_its_outcome(committed: str) -> N
 
 def test_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     some = {"Some": [CASES["P₀ = 0"], CASES["P₀ at the snap, radius 1"]]}
-    monkeypatch.setattr("tests.studies.stress.page.groups", lambda: some)
+    monkeypatch.setattr("tests.studies.stress.page.groups", lambda *_: some)
     monkeypatch.setattr("tests.studies.stress.page.random_pairs", lambda _: [])
     monkeypatch.setattr("tests.studies.stress.page._shipped", lambda _: [load_scenario(SHIPPED[0])])
     monkeypatch.setattr("tests.studies.stress.page.disturbances", lambda: disturbances()[:2])
@@ -252,17 +261,16 @@ def test_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "| worst: lost state | 1.0e-07, 12 |" in page
 
 
-def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        "tests.studies.stress.page.stability_page", lambda scenarios, fuzz: f"{scenarios} {fuzz}"
-    )
-    done = CliRunner().invoke(app.app, ["stress", "--out", str(tmp_path), "--scenarios", "there"])
-    assert (done.exit_code, done.stdout) == (0, f"files    {tmp_path}: stability.md\n")
-    assert (tmp_path / "stability.md").read_text() == f"there {tmp_path / 'fuzz.json'}"
+def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("tests.studies.stress.__main__.stability_page", lambda *given: f"{given}")
+    options = ["--repeat", "1", "--rows", "50", "--cycles", "2", "--pairs", "4"]
+    assert main(["--out", str(tmp_path), "--scenarios", "there", *options]) == 0
+    assert capsys.readouterr() == (f"files    {tmp_path}: stability.md\n", "")
+    asked = (Path("there"), tmp_path / "fuzz.json", Effort(1, 50, 2, 4))
+    assert (tmp_path / "stability.md").read_text() == f"{asked}"
 
 
-def test_a_folder_without_scenarios_is_said(tmp_path: Path) -> None:
-    done = CliRunner().invoke(app.app, ["stress", "--out", str(tmp_path / "x"), "--scenarios", str(tmp_path)])
-    assert done.exit_code == 2
-    assert f"{tmp_path}: scenarios: must hold the paper's fig*.toml" in done.stderr
+def test_a_folder_without_scenarios_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--out", str(tmp_path / "x"), "--scenarios", str(tmp_path)]) == 2
+    assert f"{tmp_path}: scenarios: must hold the paper's fig*.toml" in capsys.readouterr().err
     assert not (tmp_path / "x").exists()

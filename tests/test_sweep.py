@@ -19,7 +19,6 @@ from simulator.sweep import load_sweep, read_sweep
 from simulator.sweep import rows as rows_room
 from simulator.sweep.optimum import read_question
 from simulator.sweep.plan import Axis, Sweep
-from simulator.sweep.reading import Range, _as_axis
 from simulator.sweep.rows import as_text, play
 from tests.pairs import pair
 from tests.sweeps import CHEAP, FIG3C, FIG5B, ROOT, swept
@@ -288,8 +287,8 @@ def test_every_shipped_file_reads(file):
 
 
 def test_numbers_in_units_keep_them():
-    axis = _as_axis(
-        "gas.ambient_pressure", Range.model_validate({"from": "1 kPa", "to": "3 kPa", "points": 3})
-    )
+    scenario = load_scenario(ROOT / "scenarios/vhb_snap.toml").to_dict()
+    vary = {"gas.ambient_pressure": {"from": "1 kPa", "to": "3 kPa", "points": 3}}
+    (axis,) = read_sweep({"scenario": scenario, "vary": vary}).job.axes
     assert axis == Axis("gas.ambient_pressure", (1.0, 2.0, 3.0), " kPa")
     assert [axis.written(value) for value in axis.values] == ["1.0 kPa", "2.0 kPa", "3.0 kPa"]

@@ -129,7 +129,7 @@ def test_a_scheduler_that_is_not_there(tmp_path, monkeypatch):
     pytest.importorskip("distributed")
     from simulator.sweep import cluster
 
-    monkeypatch.setattr(cluster, "_PATIENCE", 0.5)
+    monkeypatch.setattr(cluster, "PATIENCE", 0.5)
     (tmp_path / "sweep.toml").write_text(f'scenario = "{FIG3C}"\n[vary]\n"step.1.inflate" = [0.1]\n')
     for address in ("tcp://127.0.0.1:1", "nowhere"):
         result = balloons("sweep", tmp_path / "sweep.toml", "--dask", address, "--out", tmp_path / "x")

@@ -8,8 +8,6 @@ import mpmath as mp
 import numpy as np
 import pandas as pd
 import pytest
-from pairs import gent_force, pair, single
-from test_export import EXACT
 from typer.testing import CliRunner
 
 from simulator.analysis.trace import rests, sealed_state, trace, trace_all, trace_inflation
@@ -20,6 +18,8 @@ from simulator.results.tables import curve_columns, point_columns, write_curves
 from simulator.scenario import ScenarioError, load_scenario
 from simulator.solver.follow import PathError
 from tests.closed_form import Pair
+from tests.pairs import gent_force, pair, single
+from tests.test_export import EXACT
 
 ROOT = Path(__file__).parent.parent
 SCENARIOS = sorted((ROOT / "scenarios").glob("*.toml"))
@@ -219,9 +219,7 @@ def mp_force(stretch):
 
 
 def test_peak_of_a_neo_hookean_balloon():
-    curve = trace_inflation(
-        single({"inflate": 1.0}, elastomer={"model": "neo-hookean"}), to_stretch=3.0
-    )
+    curve = trace_inflation(single({"inflate": 1.0}, elastomer={"model": "neo-hookean"}), to_stretch=3.0)
     (peak,) = special(curve, "limit_point")
     assert peak.stretch[0] == pytest.approx(7 ** (1 / 6), abs=1e-9)
     assert peak.pressure == pytest.approx(2 * (7 ** (-1 / 6) - 7 ** (-7 / 6)), abs=CLOSE)

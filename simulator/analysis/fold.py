@@ -30,8 +30,9 @@ from simulator.model.equations import OpenBalloon
 from simulator.model.membranes import Membrane
 from simulator.results.curve import Curve, FoldCurve, SpecialPoint
 from simulator.scenario import Problem, ScenarioError, dimension_of, dimensionless, load_scenario
-from simulator.solver import follow
-from simulator.solver.follow import Effort
+from simulator.solver import arclength
+from simulator.solver.follow import PathError
+from simulator.solver.ida import Effort
 from simulator.solver.newton import NotConverged
 
 if TYPE_CHECKING:
@@ -101,13 +102,13 @@ def fold(
     try:
         states, end = _followed(problem, start, to, effort)
     except NotConverged as failure:
-        raise follow.PathError(f"{vary} from {varied.value:g} to {to:g}: {failure}") from failure
+        raise PathError(f"{vary} from {varied.value:g} to {to:g}: {failure}") from failure
     found = [problem.reading(states[:, i]) for i in range(states.shape[1])]
     stretch = np.array([reading[0] for reading in found])
     names = problem.balloons
     known = [largest_stretch(varied.device.elastomers[varied.device.names.index(name)]) for name in names]
     if (stretch.max(axis=0) > known).any():
-        raise follow.PathError(f"{vary}: the limit point leaves the measured curve of an elastomer")
+        raise PathError(f"{vary}: the limit point leaves the measured curve of an elastomer")
     return FoldCurve(
         title=scenario.title,
         parameter=vary,
@@ -298,9 +299,13 @@ def _followed(problem: _Problem, start: FloatArray, to: float, effort: Effort) -
     direction = _tangent(problem, start, ahead)
 
     def events(values: list[float], rates: list[float]) -> list[float]:
-        return [sense * (to - values[-1]), sense * rates[-1], *(m for *_, m in problem.margins(values))]
+        return [
+            sense * (to - values[-1]),
+            sense * rates[-1],
+            *(margin for *_, margin in problem.margins(values)),
+        ]
 
-    points, directions, ended = follow.along(
+    points, directions, ended = arclength.along(
         problem.residual,
         lambda values: _jacobian(problem.residual, values),
         events,

@@ -17,10 +17,11 @@ from simulator.model.conditions import ENDLESS, Condition, eigenvalues, singular
 from simulator.model.elastomers import Number, largest_stretch
 from simulator.model.equations import State
 from simulator.model.groups import AnyEquations, Group
-from simulator.solver import follow, newton
-from simulator.solver.certify import GAUSS_INTEGRALS, GAUSS_WEIGHTS, Segment, between, straight
-from simulator.solver.follow import Effort, PathError
+from simulator.solver import newton, singular
+from simulator.solver.follow import PathError, follow
+from simulator.solver.ida import Effort
 from simulator.solver.newton import NotConverged
+from simulator.solver.segment import GAUSS_INTEGRALS, GAUSS_WEIGHTS, Segment, between, straight
 
 FloatArray = NDArray[np.float64]
 
@@ -41,7 +42,7 @@ _RESIDUAL = 1e-9  # over the size of its terms: no state of a path
 class Piece:
     """A monotone piece of path with its number of unstable directions.
 
-    `states` (n_unknowns, n), `dense` and `speeds` (n_unknowns, n − 1, k) are those of `certify.Segment`.
+    `states` (n_unknowns, n), `dense` and `speeds` (n_unknowns, n − 1, k) are those of `segment.Segment`.
     """
 
     states: FloatArray
@@ -193,7 +194,7 @@ def _piece(
     down = (singularity(equations, unstable - 1, -1.0),) if unstable else ()
     up = (singularity(equations, unstable, 1.0),) if unstable < sizes.size else ()
     target = _target(equations.scales[-1], float(state[-1]), rising, to_drive)
-    segment = follow.follow(equations, (*down, *up, *ends), state, target, _RTOL, effort)
+    segment = follow(equations, (*down, *up, *ends), state, target, _RTOL, effort)
     return Piece(segment.states, segment.dense, segment.speeds, unstable), segment
 
 
@@ -207,12 +208,11 @@ def _target(scale: float, v: float, rising: bool, wanted: float | None) -> float
 def _kind(equations: AnyEquations, segment: Segment, to_drive: float | None) -> str:
     """What a piece ended with. Raises PathError where its last state is none."""
     state = segment.states[:, -1]
-    residual, rows = equations.linearised(state.tolist())
-    sizes = np.abs(np.array(rows, dtype=np.float64)) @ np.abs(state) + equations.given_load(state)
+    residual, sizes = (np.array(part) for part in (equations.residual(state), equations.term_sizes(state)))
     if not np.all(np.abs(residual) <= _RESIDUAL * np.maximum(sizes, _RESIDUAL)):
         raise PathError(f"no state of the path at v = {state[-1]:.12g}, where it ends")
     if segment.end == "limit_point":
-        return "limit_point" if newton.is_fold(equations, state) else "branch_point"
+        return "limit_point" if singular.is_fold(equations, state) else "branch_point"
     if segment.end is not None:
         return str(segment.end)
     if to_drive is not None and state[-1] == to_drive:
@@ -266,10 +266,12 @@ def _off(
         states, rates = newton.on_planes(equations, (point + step)[:, None], weights * step[:, None])
         nodes = np.column_stack([point, states])
         if np.linalg.norm(step / equations.scales) <= 2.0 * _STRAIGHT:
-            dense, speeds = straight(nodes)
+            dense, speeds = straight(nodes[:, :1], nodes[:, 1:])
         else:
             tangents = newton.unit(equations, np.column_stack([step, rates]))
-            dense, speeds = between(equations, nodes, tangents)
+            dense, speeds, astray = between(equations, nodes, tangents)
+            if astray.size:
+                return None
     except NotConverged:
         return None
     values = states[:, 0].tolist()

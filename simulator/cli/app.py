@@ -224,98 +224,6 @@ def fold(
 
 
 @app.command()
-def figures(
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the figures go.")] = Path("docs/figures"),
-    scenarios: Annotated[Path, typer.Option(metavar="DIR", help="Where the paper's scenarios are.")] = Path(
-        "scenarios"
-    ),
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
-) -> None:
-    """Draw the figures of Sun, Wang & Zhou (2015) and three histories behind them, as SVG and PNG."""
-    from tests.studies.figures import draw_figures
-
-    _write_documents(out, lambda: draw_figures(scenarios), quiet=quiet)
-
-
-@app.command()
-def paper(
-    out: Annotated[Path, typer.Option(metavar="FILE", help="Where the page goes.")] = Path("docs/paper.md"),
-    scenarios: Annotated[Path, typer.Option(metavar="DIR", help="Where the paper's scenarios are.")] = Path(
-        "scenarios"
-    ),
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
-) -> None:
-    """Write the page that holds every number of Sun, Wang & Zhou (2015) against what comes out here."""
-    from tests.studies.paper import paper_page
-
-    _write_documents(out.parent, lambda: {out.name: paper_page(scenarios).encode()}, quiet=quiet)
-
-
-@app.command()
-def accuracy(
-    scenarios: Annotated[
-        list[Path] | None,
-        typer.Argument(
-            metavar="[SCENARIO]...",
-            help="Scenario files: sealed pairs driven over a limit point.",
-            show_default="four of scenarios/",
-        ),
-    ] = None,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the page goes.")] = Path("docs"),
-    rtol: Annotated[
-        list[float] | None,
-        typer.Option(min=1e-12, max=0.1, help="A tolerance; may be repeated.", show_default="1e-2 … 1e-10"),
-    ] = None,
-    delay: Annotated[
-        list[float] | None,
-        typer.Option(
-            min=1e-9,
-            max=1.0,
-            help="Relaxation time of the viscous runs, over the ramp's duration; may be repeated.",
-            show_default="1e-3, 1e-5, 1e-7",
-        ),
-    ] = None,
-    repeat: Annotated[int, typer.Option(min=1, metavar="N", help="Repetitions of every run.")] = 5,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
-) -> None:
-    """Measure error against run time, beside SciPy's solvers; write accuracy.md, figure and table."""
-    from simulator.results.files import OutputError, check_writable
-    from tests.studies.accuracy import FILES, SCENARIOS, accuracy_files
-    from tests.studies.accuracy.study import DELAYS, TOLERANCES
-
-    files = scenarios or [Path("scenarios") / f"{name}.toml" for name in SCENARIOS]
-    tolerances = sorted(set(rtol or TOLERANCES), reverse=True)
-    delays = sorted(set(delay or DELAYS), reverse=True)
-    try:
-        check_writable(out, FILES)
-    except OutputError as error:
-        _fail(str(error), 2)
-    with progress_bar(quiet=quiet) as progress:
-        _write_documents(
-            out, lambda: accuracy_files(files, tolerances, delays, repeat, progress), quiet=quiet
-        )
-
-
-@app.command()
-def stress(
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where stability.md goes.")] = Path("docs"),
-    scenarios: Annotated[Path, typer.Option(metavar="DIR", help="Where the paper's scenarios are.")] = Path(
-        "scenarios"
-    ),
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
-) -> None:
-    """Play stiff and extreme scenarios, and runs made to go wrong; write stability.md (takes minutes)."""
-    from simulator.results.files import check_writable
-    from tests.studies.stress.page import stability_page
-
-    def produce() -> dict[str, bytes]:
-        check_writable(out, ("stability.md",))
-        return {"stability.md": stability_page(scenarios, out / "fuzz.json").encode()}
-
-    _write_documents(out, produce, quiet=quiet)
-
-
-@app.command()
 def explain(scenario: ScenarioArgument) -> None:
     """Say which unknowns, equations, events and smooth pieces a scenario leads to, and what is left out."""
     from simulator.scenario import ScenarioError, load_scenario
@@ -399,27 +307,6 @@ def _pictures(curves: Sequence[Curve]) -> dict[str, Callable[[BinaryIO], object]
     # Drawn before anything is written: see `_write`.
     picture = draw_curves_png(curves)
     return {"curve.png": lambda stream: stream.write(picture)}
-
-
-def _write_documents(directory: Path, produce: Callable[[], dict[str, bytes]], *, quiet: bool) -> None:
-    """Write what a function produces from the paper's scenarios, all files or none."""
-    from simulator.results.files import OutputError, write_files
-    from simulator.scenario import ScenarioError
-    from simulator.simulation.run import SolverError
-
-    try:
-        documents = produce()
-        paths = write_files(
-            directory, {name: partial(_write_bytes, content) for name, content in documents.items()}
-        )
-    except (ScenarioError, OutputError) as error:
-        _fail(str(error), 2)
-    except (SolverError, ArithmeticError) as error:
-        _fail(f"the solver failed: {error}\nnothing written", 3)
-    except KeyboardInterrupt:
-        _fail("interrupted, nothing written", 130)
-    if not quiet:
-        print(f"files    {directory}: {', '.join(path.name for path in paths)}")
 
 
 def _write_bytes(content: bytes, stream: BinaryIO) -> None:

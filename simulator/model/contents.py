@@ -55,6 +55,10 @@ class Contents(Protocol):
         """The equation between pressure and volume, zero where it holds."""
         ...
 
+    def term_size(self, pressure: Number, cubes: Number) -> Number:
+        """Sizes of the terms of the defect, added up."""
+        ...
+
     def linearised(self, pressure: Number, cubes: Number) -> tuple[Number, Number, Number]:
         """The defect and its derivatives in p and in the swelling."""
         ...
@@ -128,6 +132,9 @@ class IdealGas:
     def defect(self, pressure: Number, cubes: Number) -> Number:
         return (pressure + self.ambient) * cubes / (3.0 * self.amount) - 1.0
 
+    def term_size(self, pressure: Number, cubes: Number) -> Number:
+        return 2.0
+
     def linearised(self, pressure: Number, cubes: Number) -> tuple[Number, Number, Number]:
         per_pressure = cubes / (3.0 * self.amount)
         absolute = pressure + self.ambient
@@ -186,6 +193,10 @@ class SealedGas:
         fall, _ = self.expansion.fall(self._growth(cubes / 3.0))
         return pressure - self.pressure + (self.pressure + self.ambient) * fall
 
+    def term_size(self, pressure: Number, cubes: Number) -> Number:
+        fall, _ = self.expansion.fall(self._growth(cubes / 3.0))
+        return abs(pressure) + abs(self.pressure) + (self.pressure + self.ambient) * abs(fall)
+
     def linearised(self, pressure: Number, cubes: Number) -> tuple[Number, Number, Number]:
         fall, slope = self.expansion.fall(self._growth(cubes / 3.0))
         absolute = self.pressure + self.ambient
@@ -221,6 +232,9 @@ class Supply:
 
     def defect(self, pressure: Number, cubes: Number) -> Number:
         return pressure - self.pressure + 0.0 * cubes
+
+    def term_size(self, pressure: Number, cubes: Number) -> Number:
+        return abs(pressure) + abs(self.pressure)
 
     def linearised(self, pressure: Number, cubes: Number) -> tuple[Number, Number, Number]:
         return pressure - self.pressure, 1.0, 0.0

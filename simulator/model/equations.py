@@ -104,8 +104,8 @@ class Equations(Protocol):
         """A state from which a flow can start, close to `y`: of a volume that is possible."""
         ...
 
-    def given_load(self, y: State) -> Number:
-        """Size of the terms of the residual that no unknown varies: their rounding is in it too."""
+    def term_sizes(self, y: State) -> list[Number]:
+        """Sizes of the terms of each residual, (n_unknowns − 1): their rounding is in it."""
         ...
 
     def potential(self, y: State) -> Number:
@@ -239,8 +239,15 @@ class SealedBalloons:
     def admitted(self, y: list[float]) -> list[float]:
         return self.gas.admitted(self.membranes, self.walls, y)
 
-    def given_load(self, y: State) -> Number:
-        return 0.0  # the load is the pressure's, an unknown
+    def term_sizes(self, y: State) -> list[Number]:
+        *stretches, pressure, v = y
+        out: list[Number] = []
+        cubes: Number = 0.0
+        for membrane, x in zip(self.membranes, stretches, strict=True):
+            out.append(_term_size(membrane, x, pressure, v))
+            cubes = cubes + membrane.wall.cube * x * x * x
+        out.append(self.gas.term_size(pressure, cubes))
+        return out
 
     def potential(self, y: State) -> Number:
         *stretches, _, v = y
@@ -321,8 +328,10 @@ class OpenBalloon:
         """No gas law here, the pressure is given."""
         raise NotImplementedError
 
-    def given_load(self, y: State) -> Number:
-        return abs(self.membrane.linearised(y[0], 0.0, y[1])[2] * self.pressure_offset)
+    def term_sizes(self, y: State) -> list[Number]:
+        x, v = y
+        pressure = self.pressure_offset + self.pressure_rate * v
+        return [_term_size(self.membrane, x, pressure, v)]
 
     def flow_law(self, y: Sequence[float], residual: list[Number], rows: Rows) -> tuple[Number, list[Number]]:
         """No gas law here, the pressure is given."""
@@ -345,6 +354,12 @@ class OpenBalloon:
 
     def gas_supply(self, y: State) -> Number:
         return self.pressure(y) * self.walls[0].cube * y[0] ** 3 / 3.0
+
+
+def _term_size(membrane: AnyMembrane, x: Number, pressure: Number, v: Number) -> Number:
+    """|N| + |D a p λ² + …| of a force balance: the wall's own force and the load on it."""
+    own = membrane.wall.elastomer.pole_form(x)[0]
+    return abs(own) + abs(own - membrane.force(x, pressure, v))
 
 
 def _drive_scale(membranes: Sequence[AnyMembrane]) -> float:

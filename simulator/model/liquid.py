@@ -31,6 +31,9 @@ class Liquid:
     def defect(self, pressure: Number, cubes: Number) -> Number:
         return cubes / (3.0 * self.volume) - 1.0
 
+    def term_size(self, pressure: Number, cubes: Number) -> Number:
+        return 2.0
+
     def linearised(self, pressure: Number, cubes: Number) -> tuple[Number, Number, Number]:
         return cubes / (3.0 * self.volume) - 1.0, 0.0, 1.0 / self.volume
 

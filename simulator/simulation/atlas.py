@@ -18,8 +18,9 @@ from simulator.model.drive import Waveform
 from simulator.model.groups import AnyEquations, Group
 from simulator.solver import flow
 from simulator.solver.branch import Branch, BranchEnd, beside
-from simulator.solver.follow import Effort, PathError
-from simulator.solver.newton import escape_direction, is_fold, parting_direction
+from simulator.solver.follow import PathError
+from simulator.solver.ida import Effort
+from simulator.solver.singular import escape_direction, is_fold, parting_direction
 
 FloatArray = NDArray[np.float64]
 

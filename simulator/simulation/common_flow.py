@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from simulator.events import EventKind
 from simulator.model.groups import Group
 from simulator.solver.flow import FlowError
-from simulator.solver.follow import Effort
+from simulator.solver.ida import Effort
 from simulator.solver.viscous import Flow, Material
 
 FloatArray = NDArray[np.float64]

@@ -14,7 +14,7 @@ from simulator.model.device import Device
 from simulator.model.drive import Quantity, Way
 from simulator.model.groups import Group
 from simulator.simulation.motion import Electrodes
-from simulator.solver.certify import ULPS
+from simulator.solver.segment import ULPS
 
 FloatArray = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from simulator.simulation.playback import Playback, record_exits
 from simulator.simulation.present import unknowns_of
 from simulator.simulation.recorder import sample_fractions
 from simulator.solver.flow import Rest
-from simulator.solver.newton import softest_change
+from simulator.solver.singular import softest_change
 
 if TYPE_CHECKING:
     from simulator.scenario import PlayedStep, Scenario
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from simulator.simulation.recorder import Recorder
     from simulator.simulation.shape import ShapeWatch
     from simulator.simulation.until import Watch
-    from simulator.solver.follow import Effort
+    from simulator.solver.ida import Effort
 
 FloatArray = NDArray[np.float64]
 

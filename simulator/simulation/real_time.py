@@ -18,8 +18,8 @@ from simulator.simulation.atlas import loses_tension
 from simulator.simulation.legs import SAME_INSTANT
 from simulator.simulation.present import Samples
 from simulator.simulation.recorder import sample_fractions
-from simulator.solver.follow import Effort
-from simulator.solver.viscous import CreepError, Flow, Material, MaxwellBranch, Passage
+from simulator.solver.ida import Effort
+from simulator.solver.viscous import Flow, Material, MaxwellBranch, Passage
 
 if TYPE_CHECKING:
     from simulator.scenario import PlayedStep, Scenario
@@ -110,7 +110,7 @@ class RealTime:
                 return
             unseen = self._beyond(groups, drive(times[-1])[0])
             if unseen is not None:
-                raise CreepError(f"{unseen} was passed unseen")
+                raise ArithmeticError(f"{unseen} was passed unseen")
         present.time = start + lasts
 
     def _ends_at_once(self, groups: Sequence[Group], v: float) -> bool:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from simulator.scenario import Output, Scenario
     from simulator.simulation.books import Books
     from simulator.simulation.shape import ShapeChange
-    from simulator.solver.follow import Effort
+    from simulator.solver.ida import Effort
 
 FloatArray = NDArray[np.float64]
 

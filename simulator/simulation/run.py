@@ -27,7 +27,7 @@ from simulator.simulation.recorder import Recorder
 if TYPE_CHECKING:
     from simulator.scenario import PlayedStep, Scenario, ScenarioLike
     from simulator.simulation.until import Watch
-    from simulator.solver.follow import Effort
+    from simulator.solver.ida import Effort
 
 
 class SolverError(RuntimeError):

@@ -14,7 +14,10 @@ from numpy.typing import NDArray
 
 from simulator.model.conditions import Condition
 from simulator.model.equations import Equations
-from simulator.solver import certify, follow, newton
+from simulator.solver import newton
+from simulator.solver.follow import follow
+from simulator.solver.ida import Effort
+from simulator.solver.segment import SHORT, Cubics, Segment, rounding
 
 FloatArray = NDArray[np.float64]
 
@@ -69,7 +72,7 @@ class Branch:
     _works: dict[tuple[float, float], float] = field(default_factory=dict, repr=False)
     _corners: dict[float, FloatArray] = field(default_factory=dict, repr=False)
     _samples: dict[bytes, FloatArray] = field(default_factory=dict, repr=False)
-    _cubics: certify.Cubics | None = field(default=None, repr=False)
+    _cubics: Cubics | None = field(default=None, repr=False)
 
     @classmethod
     def through(cls, equations: Equations, conditions: tuple[Condition, ...], state: FloatArray) -> Branch:
@@ -105,28 +108,31 @@ class Branch:
             return None
         nodes = np.concatenate([point[:, None], near], axis=1)
         tangents = np.concatenate([newton.unit(equations, d) for d in (out, rates)], axis=1)
-        done = certify.work(equations, *certify.between(equations, nodes, tangents))
+        segment, astray = Segment.through(equations, nodes, tangents)
+        if astray.size:
+            return None
+        done = segment.work(equations)
         end = BranchEnd(conditions[0].kind, point)
         if direction > 0.0:
             return cls(equations, conditions, nodes, tangents, done, lower=end)
         return cls(equations, conditions, nodes[:, ::-1], -tangents[:, ::-1], -done, upper=end)
 
-    def reach(self, v: float, rtol: float, effort: follow.Effort) -> BranchEnd | None:
+    def reach(self, v: float, rtol: float, effort: Effort) -> BranchEnd | None:
         """Follow the branch until it is known at `v`; return the end that comes before it, if one does."""
         low, high = self.known_range()
         if v > high and self.upper is None:
-            segment = follow.follow(self.equations, self.conditions, self.states[:, -1], v, rtol, effort)
+            segment = follow(self.equations, self.conditions, self.states[:, -1], v, rtol, effort)
             self.states = np.concatenate([self.states[:, :-1], segment.states], axis=1)
             self.tangents = np.concatenate([self.tangents[:, :-1], segment.tangents], axis=1)
-            self.work = np.concatenate([self.work, segment.work])
+            self.work = np.concatenate([self.work, segment.work(self.equations)])
             self._cubics = None
             if segment.end is not None:
                 self.upper = BranchEnd(segment.end, segment.states[:, -1].copy())
         elif v < low and self.lower is None:
-            segment = follow.follow(self.equations, self.conditions, self.states[:, 0], v, rtol, effort)
+            segment = follow(self.equations, self.conditions, self.states[:, 0], v, rtol, effort)
             self.states = np.concatenate([segment.states[:, ::-1], self.states[:, 1:]], axis=1)
             self.tangents = np.concatenate([-segment.tangents[:, ::-1], self.tangents[:, 1:]], axis=1)
-            self.work = np.concatenate([-segment.work[::-1], self.work])
+            self.work = np.concatenate([-segment.work(self.equations)[::-1], self.work])
             self._cubics = None
             if segment.end is not None:
                 self.lower = BranchEnd(segment.end, segment.states[:, -1].copy())
@@ -138,7 +144,7 @@ class Branch:
     def known_range(self) -> tuple[float, float]:
         """The v between which the branch is known, widened by rounding."""
         low, high = float(self.states[-1, 0]), float(self.states[-1, -1])
-        return low - certify.rounding(self.equations, low), high + certify.rounding(self.equations, high)
+        return low - rounding(self.equations, low), high + rounding(self.equations, high)
 
     def state_at(self, v: float) -> FloatArray:
         """The state at one v within the known range, shape (n_unknowns,). Raises NotConverged."""
@@ -171,10 +177,10 @@ class Branch:
         inner = np.concatenate([self.states[:, :-1, None], between], axis=2).reshape(len(self.states), -1)
         return np.concatenate([inner, self.states[:, -1:]], axis=1)
 
-    def _through_points(self) -> certify.Cubics:
+    def _through_points(self) -> Cubics:
         if self._cubics is None:
             weights = 1.0 / self.equations.scales[:, None] ** 2
-            self._cubics = certify.Cubics.through(weights, self.states, self.tangents)
+            self._cubics = Cubics.through(weights, self.states, self.tangents)
         return self._cubics
 
     def _solved(self, v: FloatArray) -> FloatArray:
@@ -186,9 +192,9 @@ class Branch:
         states = self.states[:, np.where(v >= nodes[place + 1], place + 1, place)]
         between = (v > nodes[place]) & (v < nodes[place + 1])
         if between.any():
-            guesses = self._guess(place[between], v[between])
+            guesses = self.interpolated(place[between], v[between])
             states[:, between] = newton.at_drive(self.equations, guesses)
-            self._check_between(place[between], states[:, between])
+            self.check_between(place[between], states[:, between])
         return states
 
     def _solved_one(self, v: float) -> FloatArray:
@@ -201,11 +207,11 @@ class Branch:
         if nodes[place] == v:
             return self.states[:, place]
         at = np.array([place])
-        state = newton.one_at_drive(self.equations, self._guess(at, np.array([v]))[:, 0])
-        self._check_between(at, state[:, None])
+        state = newton.one_at_drive(self.equations, self.interpolated(at, np.array([v]))[:, 0])
+        self.check_between(at, state[:, None])
         return state
 
-    def _check_between(self, place: NDArray[np.int64], states: FloatArray) -> None:
+    def check_between(self, place: NDArray[np.int64], states: FloatArray) -> None:
         """States lie between the points of their intervals, where Newton's method may have left it.
 
         Tangents are within 45° of the chord, so the curve bulges by at most a fifth of it.
@@ -220,7 +226,7 @@ class Branch:
         if np.any((share < -slack) | (share > 1.0 + slack) | (aside > 0.09 * square + _ROUNDING**2)):
             raise newton.NotConverged("a state is not between the points of its branch")
 
-    def _guess(self, place: NDArray[np.int64], v: FloatArray) -> FloatArray:
+    def interpolated(self, place: NDArray[np.int64], v: FloatArray) -> FloatArray:
         """Interpolated states at v, each in its interval."""
         c = self._through_points()
         y0, m0, a, b = c.y0[:, place], c.m0[:, place], c.a[:, place], c.b[:, place]
@@ -255,12 +261,14 @@ class Branch:
         if start == end:
             return 0.0
         points = np.stack([self.state_at(start), self.state_at(end)], axis=1)
-        if end - start < certify.SHORT * self.equations.scales[-1]:
+        if end - start < SHORT * self.equations.scales[-1]:
             return float(0.5 * np.sum(np.asarray(self.equations.drive_power(points))) * (end - start))
         chord = np.repeat(np.diff(points, axis=1), 2, axis=1)
         directions = newton.tangents(self.equations, points, chord)
-        dense, speeds = certify.between(self.equations, points, directions)
-        return float(certify.resolved(self.equations, points, directions, dense, speeds, None).work.sum())
+        segment, astray = Segment.through(self.equations, points, directions)
+        if astray.size:
+            raise newton.NotConverged("the curve between two states is far from the cubic through them")
+        return float(segment.resolved(self.equations).work(self.equations).sum())
 
 
 def _where(ahead: FloatArray, m0: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:

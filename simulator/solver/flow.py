@@ -9,10 +9,9 @@ integrated once more, tightly.
 from __future__ import annotations
 
 import contextlib
-import io
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +19,8 @@ from numpy.typing import NDArray
 from simulator.model.conditions import Condition, stability
 from simulator.model.elastomers import Number
 from simulator.model.equations import Equations, State
-from simulator.solver import newton
-from simulator.solver.follow import Effort
+from simulator.solver import ida, singular
+from simulator.solver.ida import Effort, IntegrationError
 from simulator.solver.landing import (
     NEAR,
     broken_at_rest,
@@ -42,7 +41,7 @@ _TIGHT = 1e-11
 _NEAREST = {_LOOSE: 1e-7, _TIGHT: 1e-10}  # the same, at last, by tolerance
 _GHOST = 1e-3  # how near a limit point that no longer holds it a creeping state is taken past it
 _LONGEST = 1e12  # a time never reached
-_MOST_LOOKS = 50_000  # of IDA at the margins, about one a step
+_MOST_STEPS = 50_000
 _NUDGES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  # stretch by which a snap is started off its limit point
 _FINE = (1e-4, 1e-5, 1e-6)  # the same where the way matters: what it is off the way goes with the square
 _FAR = 1e3  # stretch, over the largest at the start, at which a flow without a limit counts as runaway
@@ -97,7 +96,7 @@ def relax(
     """
     if not tight:
         # Loosely, unless that fails, or what is found depends on the way.
-        with contextlib.suppress(FlowError):
+        with contextlib.suppress(FlowError, IntegrationError):
             rest, closest = _flow(equations, conditions, start, _LOOSE, effort)
             if rest.end is None and _certain(equations, conditions, start, rest.state, closest):
                 return rest
@@ -278,7 +277,7 @@ def _past(
     """
     ghost = fold.copy()
     ghost[-1] = v
-    escape = newton.escape_direction(equations, fold, 1.0 if v > fold[-1] else -1.0)
+    escape = singular.escape_direction(equations, fold, 1.0 if v > fold[-1] else -1.0)
     return _off(equations, conditions, ghost, escape, _FINE)
 
 
@@ -305,15 +304,14 @@ def integrate(
     rtol: float,
     effort: Effort,
 ) -> tuple[FloatArray, int]:
-    """IDA's states along the flow, (n_unknowns, n), until one of the margins falls to zero, and which."""
-    from sksundae.ida import IDA
+    """IDA's states along the flow, (n_unknowns, n), until one of the margins falls to zero, and which.
 
+    Raises IntegrationError.
+    """
     v = float(start[-1])
-    looks = 0
     parts = [
         (wall.elastomer.pole_form, wall.elastomer.pole_form_slope, wall.modulus) for wall in equations.walls
     ]
-
     count = len(parts)
     sealed = equations.has_pressure
 
@@ -322,19 +320,15 @@ def integrate(
         # the ambient pressure, and IDA would have to follow its every digit.
         return [*stretches, equations.gas_pressure(stretches, v), v] if sealed else [*stretches, v]
 
-    def residual(t: float, y: FloatArray, yp: FloatArray, out: FloatArray) -> None:
-        values, speeds = y.tolist(), yp.tolist()
+    def residual(t: float, values: list[float], speeds: list[float]) -> list[Number]:
         rows = equations.residual(full(values))[:count]
         for i, (pole_form, _, modulus) in enumerate(parts):
             denominator = pole_form(values[i])[1]
             # Beyond the stretch limit there is nothing: IDA takes it for a step too long.
             rows[i] = rows[i] + denominator / modulus * speeds[i] if denominator > 0.0 else math.nan
-        out[:] = rows
+        return rows
 
-    def jacobian(
-        t: float, y: FloatArray, yp: FloatArray, res: FloatArray, cj: float, out: FloatArray
-    ) -> None:
-        values, speeds = y.tolist(), yp.tolist()
+    def jacobian(t: float, values: list[float], speeds: list[float], cj: float) -> list[list[Number]]:
         state = full(values)
         forces, rows = equations.linearised(state)
         slopes = equations.flow_law(state, forces, rows)[1] if sealed else []
@@ -344,36 +338,27 @@ def integrate(
             gas = [slope / slopes[count] for slope in slopes[:count]]
             for row in rows[:count]:
                 row[:count] = [entry - row[count] * g for entry, g in zip(row, gas, strict=False)]
-        out[:] = [row[:count] for row in rows[:count]]
+        return [row[:count] for row in rows[:count]]
 
-    def events(t: float, y: FloatArray, yp: FloatArray, out: FloatArray) -> None:
-        nonlocal looks
-        looks += 1
-        if looks > _MOST_LOOKS:
-            raise FlowError(f"no rest within {_MOST_LOOKS} steps")
-        values = full(y.tolist())
-        out[:] = [margin(values) for margin in margins]
+    def watched(t: float, values: list[float], speeds: list[float]) -> list[Number]:
+        state = full(values)
+        return [margin(state) for margin in margins]
 
-    events.direction = [-1] * len(margins)  # type: ignore[attr-defined]
     y0, yp0 = _consistent(equations, start)
-    solver: Any = IDA(
-        residual,
-        jacfn=jacobian,
-        eventsfn=events,
-        num_events=len(margins),
+    course = ida.integrate(
+        ida.System(residual, jacobian, watched, [True] * len(margins)),
+        [0.0, _LONGEST],
+        y0[:count],
+        yp0[:count],
+        effort,
         rtol=rtol,
         atol=rtol,
+        most_steps=_MOST_STEPS,
     )
-    with contextlib.redirect_stdout(io.StringIO()):  # where scikit-sundae prints failures
-        result = solver.solve([0.0, _LONGEST], y0[:count], yp0[:count])
-    effort.ida_solves += 1
-    effort.ida_steps += len(result.t) - 1
-    effort.residual_calls += int(result.nfev)
-    effort.jacobian_calls += int(result.njev)
-    if result.status != 2:
-        raise FlowError(f"IDA: {result.message}")
-    states = np.array([full(values) for values in result.y.tolist()]).T
-    return states, int(np.flatnonzero(result.i_events[-1])[0])
+    states = np.array([full(values) for values in course.states.tolist()]).T
+    if not course.events:
+        raise ida.IntegrationError("the flow does not end", states[:, -1])
+    return states, course.events[-1].which
 
 
 def _consistent(equations: Equations, start: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -1,28 +1,110 @@
-"""Newton's method on the equilibrium equations: many states at once, or one event to the last bit.
+"""Newton's method on the equilibrium equations: many states at once, one state, or one event.
 
 States are columns: an array of n states has shape (n_unknowns, n). Every function returns states that
-solve the equations to rounding, or says that it could not.
+solve the equations to rounding, or says that it could not. There is one iteration, `solved`, with one rule
+for when it stops; what differs is only how a step is found.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.model.conditions import Condition, modes, softest_mode
-from simulator.model.equations import Equations, Rows, SealedBalloons
+from simulator.model.conditions import Condition
+from simulator.model.equations import Equations, SealedBalloons
 
 FloatArray = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 _EPS = float(np.finfo(float).eps)
 _ITERATIONS = 14
-_CROSSING = 1e-11  # a singular value this small, of rows of unit length, is zero: two curves cross
+_ROUNDED = 4e-15  # a step this small, relatively, is rounding
+_DIVERGED = 1e3  # a step this large, relatively, leads nowhere
+_STALLED = 0.5  # of the step before it: a step that is no shorter is made of rounding, or leads nowhere
+_NOISE = 16.0 * _EPS  # of the terms of a residual: it is zero to rounding
+_SINGULAR = 1e-9  # a singular value this small, of rows of unit length, is cut off in a least-squares step
+_EQUAL = 1e-6  # stretches of equal balloons closer than this may be equal
 
 
 class NotConverged(ArithmeticError):
-    """Newton's method did not reach a state; the caller repairs it (shorter steps) or gives up."""
+    """Newton's method did not reach a state; the caller repairs it (shorter steps) or gives up.
+
+    Attributes
+    ----------
+    states : (n_unknowns, n) array or None
+        Of several states sought, what was reached.
+    failed : (n,) array or None
+        Which of them are not right.
+    """
+
+    def __init__(self, what: str, states: FloatArray | None = None, failed: Flags | None = None) -> None:
+        super().__init__(what)
+        self.states, self.failed = states, failed
+
+
+def solved(
+    steps: Callable[[FloatArray], tuple[FloatArray, Callable[[], Flags]]],
+    guesses: FloatArray,
+    scales: FloatArray,
+    what: str,
+    *,
+    accuracy: float = np.inf,
+    iterations: int = _ITERATIONS,
+) -> FloatArray:
+    """Newton's iteration for n states at once, until every one of them is right to rounding.
+
+    Parameters
+    ----------
+    steps : callable
+        Gives, for states (n_unknowns, n), the steps to be subtracted from them, and a function that tells
+        which of their residuals, (n,), are no more than rounding makes them.
+    guesses : (n_unknowns, n) array
+    scales : (n_unknowns,) array
+        Sizes below which an unknown counts as zero.
+    what : str
+        What is sought, for the message.
+    accuracy : float
+        A last step no longer than this is wanted, besides.
+    iterations : int
+        At most.
+
+    Raises
+    ------
+    NotConverged
+        If any state did not converge.
+    """
+    states = guesses
+    least = scales[:, None]
+    before = np.full(guesses.shape[1], np.nan)  # unknown: no first step is believed
+    done = np.zeros(guesses.shape[1], dtype=bool)
+    lost = np.zeros_like(done)
+    for _ in range(iterations):
+        try:
+            change, is_noise = steps(states)
+        except np.linalg.LinAlgError:
+            break
+        states = states - change
+        size = (np.abs(change) / np.maximum(np.abs(states), least)).max(axis=0)
+        if not size.max() < _DIVERGED:  # also where it is not a number
+            lost |= ~(size < _DIVERGED)
+            if lost.all():
+                break
+            states[:, lost], size[lost] = guesses[:, lost], 0.0
+        # Newton's method squares the error: the next step would be about size³/before².
+        done |= (size**3 <= 1e-15 * before**2) & (size <= accuracy) | (size <= _ROUNDED)
+        if not done.all():
+            # Beside a fold or a stretch limit rounding keeps the steps larger than that.
+            stalled = size >= _STALLED * before
+            if stalled.any():
+                done |= stalled & is_noise()
+        if done.all():
+            if lost.any():
+                break
+            return states
+        before = size
+    raise NotConverged(what, states, lost | ~done)
 
 
 def linearised(equations: Equations, states: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -36,12 +118,26 @@ def linearised(equations: Equations, states: FloatArray) -> tuple[FloatArray, Fl
 
 def _linearise(equations: Equations, states: FloatArray, right: FloatArray, matrices: FloatArray) -> None:
     """As `linearised`, into arrays that are there; zeros are left as they are."""
-    residual, rows = equations.linearised(states)
+    residual, rows = equations.linearised(states if states.shape[1] > 1 else states[:, 0].tolist())
     for i, row in enumerate(rows):
         right[:, i] = residual[i]
         for j, entry in enumerate(row):
             if not isinstance(entry, float) or entry:
                 matrices[:, i, j] = entry
+
+
+def rounds_to_zero(
+    equations: Equations, states: FloatArray, residuals: FloatArray, matrices: FloatArray
+) -> Flags:
+    """Whether residuals (n, m) are no more than rounding makes them, (n,).
+
+    Rounding of the unknowns enters through the Jacobians (n, m, n_unknowns), that of the residual itself
+    through the terms it is made of: where the force is sublinear or flat these are the larger.
+    """
+    sizes = np.einsum("nij,jn->ni", np.abs(matrices), np.abs(states))
+    for i, terms in enumerate(equations.term_sizes(states)):
+        sizes[:, i] += terms
+    return np.asarray(np.all(np.abs(residuals) <= _NOISE * sizes, axis=1))
 
 
 def on_planes(
@@ -67,78 +163,102 @@ def on_planes(
     NotConverged
         If any state did not converge.
     """
-    states = guesses.copy()
-    unknowns, count = states.shape
-    scales = equations.scales[:, None]
+    unknowns, count = guesses.shape
     matrices = np.zeros((count, unknowns, unknowns))
     matrices[:, -1, :] = normals.T
     right = np.zeros((count, unknowns, 2))
     right[:, -1, 1] = 1.0
     residual = right[:, :-1, 0]
-    before = np.full(count, np.nan)  # unknown: no first step is believed
-    for iteration in range(_ITERATIONS):
+    found: FloatArray = right
+
+    def steps(states: FloatArray) -> tuple[FloatArray, Callable[[], Flags]]:
+        nonlocal found
         _linearise(equations, states, residual, matrices)
-        try:
-            solved = np.linalg.solve(matrices, right)
-        except np.linalg.LinAlgError:
-            break
-        step = solved[:, :, 0].T
-        states -= step
-        size = (np.abs(step) / np.maximum(np.abs(states), scales)).max(axis=0)
-        if not size.max() < 1e3:  # also where it is not a number
-            break
-        # Newton's method squares the error: the next step would be about size³/before².
-        done = (size**3 <= 1e-15 * before**2) & (size <= accuracy) | (size <= 4e-15)
-        if iteration > 1 and not done.all():
-            # Beside a fold or a stretch limit rounding keeps the steps larger than that. A residual that
-            # the last bits of the unknowns make up is zero.
-            noise = np.einsum("nij,jn->ni", np.abs(matrices[:, :-1]), np.abs(states))
-            noise += np.broadcast_to(equations.given_load(states), count)[:, None]
-            done |= np.all(np.abs(residual) <= 16.0 * _EPS * noise, axis=1)
-        if done.all():
-            return states, np.asarray(solved[:, :, 1].T)
-        before = size
-    raise NotConverged("states on given planes")
+        found = np.asarray(np.linalg.solve(matrices, right), dtype=np.float64)
+        return found[:, :, 0].T, lambda: rounds_to_zero(equations, states, residual, matrices[:, :-1])
+
+    states = solved(steps, guesses, equations.scales, "states on given planes", accuracy=accuracy)
+    return states, np.asarray(found[:, :, 1].T)
 
 
 def at_drive(equations: Equations, guesses: FloatArray) -> FloatArray:
-    """The states at the guesses' own v. Raises NotConverged."""
-    normals = np.zeros_like(guesses)
-    normals[-1] = 1.0
-    return on_planes(equations, guesses, normals)[0]
+    """The states at the guesses' own v, (n_unknowns, n). Raises NotConverged."""
+    unknowns, count = guesses.shape
+    right = np.empty((count, unknowns - 1))
+    matrices = np.zeros((count, unknowns - 1, unknowns))
+    change = np.zeros_like(guesses)
+
+    def steps(states: FloatArray) -> tuple[FloatArray, Callable[[], Flags]]:
+        _linearise(equations, states, right, matrices)
+        change[:-1] = np.linalg.solve(matrices[:, :, :-1], right[:, :, None])[:, :, 0].T
+        return change, lambda: rounds_to_zero(equations, states, right, matrices)
+
+    return solved(steps, guesses, equations.scales, "state at a given drive")
 
 
 def one_at_drive(equations: Equations, guess: FloatArray) -> FloatArray:
-    """The one state at the guess's own v, shape (n_unknowns,); as `at_drive`, without arrays of one."""
-    state: list[float] = guess.tolist()
-    scales: list[float] = equations.scales.tolist()
-    before = np.nan
-    for _ in range(_ITERATIONS):
-        residual, rows = equations.linearised(state)
-        matrix = np.array(rows, dtype=np.float64)[:, :-1]
-        try:
-            step: list[float] = np.linalg.solve(matrix, np.array(residual, dtype=np.float64)).tolist()
-        except np.linalg.LinAlgError:
-            break
-        size = 0.0
-        for i, change in enumerate(step):
-            state[i] -= change
-            size = max(size, abs(change) / max(abs(state[i]), scales[i]))
-        if not size < 1e3:
-            break
-        if size**3 <= 1e-15 * before**2 or size <= 4e-15 or _is_noise(equations, residual, rows, state):
-            return np.array(state)
-        before = size
-    raise NotConverged("state at a given drive")
+    """The state at the guess's own v, both (n_unknowns,). Raises NotConverged."""
+    return at_drive(equations, guess[:, None])[:, 0]
 
 
-def _is_noise(equations: Equations, residual: Sequence[float], rows: Rows, state: Sequence[float]) -> bool:
-    """Whether a residual is no more than the last bits of the unknowns make it."""
-    given = equations.given_load(state)
-    return all(
-        abs(r) <= 16.0 * _EPS * (given + sum(abs(a * y) for a, y in zip(row, state, strict=True)))
-        for r, row in zip(residual, rows, strict=True)
-    )
+def at_event(equations: Equations, condition: Condition, guess: FloatArray) -> FloatArray:
+    """The state of the curve at which a condition is zero, (n_unknowns,), to rounding.
+
+    Solved by Newton on [residual, margin] = 0; at a branch point the system is consistent but singular
+    across the branch, hence least squares.
+
+    Raises
+    ------
+    NotConverged
+        If the residual or the margin does not vanish.
+    """
+
+    def steps(states: FloatArray) -> tuple[FloatArray, Callable[[], Flags]]:
+        state = states[:, 0]
+        values = state.tolist()
+        residual, rows = equations.linearised(values)
+        defect = np.array([*residual, condition.margin(values)])
+        if not np.all(np.isfinite(defect)):
+            raise NotConverged(what)
+        derivatives = np.array([*rows, condition.slope(state)], dtype=np.float64)
+        # In sizes of the state itself: near a stretch limit the pressure or voltage is far above its scale.
+        scales = np.maximum(equations.scales, np.abs(state))
+        matrix = derivatives * scales
+        # Rows of one size, so that only a true singularity is cut off, not a small row.
+        sizes = np.sqrt(np.einsum("ij,ij->i", matrix, matrix))
+        if not sizes.all() or not np.all(np.isfinite(sizes)):
+            raise NotConverged(what)  # a margin that nothing changes
+        step = np.linalg.lstsq(matrix / sizes[:, None], defect / sizes, rcond=_SINGULAR)[0]
+        return (scales * step)[:, None], lambda: rounds_to_zero(
+            equations, states, defect[None], derivatives[None]
+        )
+
+    what = f"state at a {condition.kind}"
+    start = evened(equations, guess)
+    state = solved(steps, start[:, None], equations.scales, what, iterations=2 * _ITERATIONS)[:, 0]
+    even = _symmetric(equations, state)
+    # Told apart by rounding only, equal balloons split a multiple eigenvalue: again, from the middle.
+    return even if np.abs(even - state).max() <= 1e-12 else at_event(equations, condition, even)
+
+
+def _symmetric(equations: Equations, state: FloatArray) -> FloatArray:
+    """A state with the stretches of equal balloons made equal where they differ by rounding.
+
+    At the branch point where equal balloons part, rounding is all that tells them apart, and much enlarged.
+    """
+    even = evened(equations, state)[:, None]
+    return even[:, 0] if rounds_to_zero(equations, even, *linearised(equations, even))[0] else state
+
+
+def evened(equations: Equations, state: FloatArray) -> FloatArray:
+    """A state with the stretches of equal balloons averaged where they are close."""
+    even = state.copy()
+    if isinstance(equations, SealedBalloons):
+        for membrane in set(equations.membranes):
+            same = [i for i, other in enumerate(equations.membranes) if other == membrane]
+            if np.ptp(state[same]) < _EQUAL:
+                even[same] = state[same].mean()
+    return even
 
 
 def tangents(equations: Equations, states: FloatArray, towards: FloatArray) -> FloatArray:
@@ -152,156 +272,7 @@ def tangents(equations: Equations, states: FloatArray, towards: FloatArray) -> F
     return unit(equations, np.asarray(np.linalg.solve(matrices, right)[:, :, 0].T))
 
 
-def tangent_at_end(equations: Equations, state: FloatArray, towards: FloatArray) -> FloatArray:
-    """Unit tangent at one state on the side of `towards`, also at a branch point, where two curves cross."""
-    scales = equations.scales
-    rows = np.array(equations.linearised(state.tolist())[1], dtype=np.float64) * scales
-    # One tangent spans the null space of the rows; where two curves cross there are two, and what `towards`
-    # has in their plane is the curve that was followed.
-    rows /= np.sqrt(np.einsum("ij,ij->i", rows, rows))[:, None]
-    _, sizes, vectors = np.linalg.svd(rows)
-    null = vectors[np.count_nonzero(sizes > _CROSSING) :]
-    along = null.T @ (null @ (towards / scales))
-    return np.asarray(scales * along / np.linalg.norm(along))
-
-
 def unit(equations: Equations, directions: FloatArray) -> FloatArray:
     """Directions (n_unknowns, n) made of unit length in scaled unknowns."""
     scaled = directions / equations.scales[:, None]
     return np.asarray(directions / np.sqrt(np.einsum("ij,ij->j", scaled, scaled)))
-
-
-def at_event(equations: Equations, condition: Condition, guess: FloatArray) -> FloatArray:
-    """The state of the curve at which a condition is zero, shape (n_unknowns,), to rounding.
-
-    Solved by Newton on [residual, margin] = 0; at a branch point the system is consistent but singular
-    across the branch, hence least squares.
-
-    Raises
-    ------
-    NotConverged
-        If the residual or the margin does not vanish.
-    """
-    state = _evened(equations, guess)
-    before = np.nan  # unknown: no first step is believed
-    for _ in range(2 * _ITERATIONS):
-        values = state.tolist()
-        residual, rows = equations.linearised(values)
-        if not np.all(np.isfinite(residual)):
-            break
-        defect = np.array([*residual, condition.margin(values)])
-        if not np.all(np.isfinite(defect)):
-            break
-        slope = condition.slope(state).tolist()
-        if not np.all(np.isfinite(slope)):
-            break
-        # In sizes of the state itself: near a stretch limit the pressure or voltage is far above its scale.
-        scales = np.maximum(equations.scales, np.abs(state))
-        matrix = np.array([*rows, slope], dtype=np.float64) * scales
-        # Rows of one size, so that only a true singularity is cut off, not a small row.
-        sizes = np.sqrt(np.einsum("ij,ij->i", matrix, matrix))
-        if not sizes.all():
-            break  # a margin that nothing changes
-        step = np.linalg.lstsq(matrix / sizes[:, None], defect / sizes, rcond=1e-9)[0]
-        state = state - scales * step
-        size = float(np.max(np.abs(step)))
-        settled = size <= 4e-15 or size**3 <= 1e-15 * before**2
-        if settled or (
-            not size < 0.5 * before and _is_noise(equations, defect.tolist(), [*rows, slope], values)
-        ):
-            even = _symmetric(equations, np.asarray(state))
-            # Told apart by rounding only, equal balloons split a multiple eigenvalue: again, from the middle.
-            return even if np.abs(even - state).max() <= 1e-12 else at_event(equations, condition, even)
-        before = size
-    raise NotConverged(f"state at a {condition.kind}")
-
-
-def _symmetric(equations: Equations, state: FloatArray) -> FloatArray:
-    """A state with the stretches of equal balloons made equal where they differ by rounding.
-
-    At the branch point where equal balloons part, rounding is all that tells them apart, and much enlarged.
-    """
-    even = _evened(equations, state)
-    residual, rows = equations.linearised(even.tolist())
-    return even if _is_noise(equations, residual, rows, even.tolist()) else state
-
-
-def _evened(equations: Equations, state: FloatArray) -> FloatArray:
-    """A state with the stretches of equal balloons averaged where they are close."""
-    even = state.copy()
-    if isinstance(equations, SealedBalloons):
-        for membrane in set(equations.membranes):
-            same = [i for i, other in enumerate(equations.membranes) if other == membrane]
-            if np.ptp(state[same]) < 1e-6:
-                even[same] = state[same].mean()
-    return even
-
-
-def is_fold(equations: Equations, state: FloatArray) -> bool:
-    """Whether the drive pushes a singular point along its soft mode: a limit point (else a branch point)."""
-    rows = np.array(equations.linearised(state.tolist())[1], dtype=np.float64) * equations.scales
-    rows /= np.sqrt(np.einsum("ij,ij->i", rows, rows))[:, None]
-    return bool(np.linalg.svd(rows)[1][-1] > _CROSSING)
-
-
-def escape_direction(equations: Equations, state: FloatArray, direction: float) -> FloatArray:
-    """How the stretches leave a fold when the drive goes on: the soft mode, on the downhill side.
-
-    Parameters
-    ----------
-    state : (n_unknowns,) array
-        A limit point.
-    direction : ±1
-        Sense in which v moves.
-
-    Returns
-    -------
-    (n_balloons,) array
-        Change of the stretches, unit length.
-    """
-    values = state.tolist()
-    mode = softest_mode(equations, state)
-    walls = equations.walls
-    denominators = np.array([w.elastomer.pole_form(x)[1] for w, x in zip(walls, values, strict=False)])
-    weights = np.array([w.weight for w in walls])
-    # S = T H T: the mode z of S is the mode T z of H, and R's push on it is Σ z √(weight/D) ∂R/∂v.
-    push = np.array([row[-1] for row in equations.linearised(values)[1][: len(walls)]], dtype=np.float64)
-    scale = np.sqrt(np.maximum(denominators, 1e-300) / weights)
-    away = -np.sign(direction * (mode * np.sqrt(weights / np.maximum(denominators, 1e-300))) @ push)
-    change = (away if away else 1.0) * scale * mode
-    return np.asarray(change / np.linalg.norm(change))
-
-
-def softest_change(equations: Equations, state: FloatArray) -> FloatArray:
-    """The softest mode as a change of the stretches, unit length, (n_balloons,)."""
-    # S = T H T: the mode z of S is the mode T z of H.
-    values = state.tolist()
-    scale = [
-        np.sqrt(max(w.elastomer.pole_form(x)[1], 1e-300) / w.weight)
-        for w, x in zip(equations.walls, values, strict=False)
-    ]
-    change = np.array(scale) * softest_mode(equations, state)
-    return np.asarray(change / np.linalg.norm(change))
-
-
-def parting_direction(equations: Equations, state: FloatArray) -> FloatArray:
-    """How the stretches part at a branch point: of all soft modes, what lets the first balloon grow most.
-
-    With more than two equal balloons there are several soft modes, and the first balloon against all others
-    is the direction in which another branch leaves. Unit length, (n_balloons,).
-    """
-    values = state.tolist()
-    diagonal, _ = equations.stiffness(values)
-    sizes, vectors = modes(equations, state)
-    soft = vectors[:, np.abs(sizes) <= 1e-8 * max(np.abs(sizes).max(), np.abs(diagonal).max())]
-    soft = soft if soft.size else vectors[:, :1]
-    first = int(np.argmax(np.abs(soft).max(axis=1) > 1e-3))
-    walls = equations.walls
-    scale = np.array(
-        [
-            np.sqrt(max(w.elastomer.pole_form(x)[1], 1e-300) / w.weight)
-            for w, x in zip(walls, values, strict=False)
-        ]
-    )
-    change = scale * (soft @ soft[first])
-    return np.asarray(change / np.linalg.norm(change))

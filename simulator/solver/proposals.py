@@ -1,78 +1,152 @@
-"""Ways too short for steps, which rounding would lose: to an event close by, or off a singular state."""
+"""Ways to points along a path, the cheapest that may do first; only what is certified is taken.
+
+An event close by, or a target, can be reached by one chord; the pressure that inflates one balloon is a
+formula of its stretch; and IDA follows any path, at the tolerance asked for and then at tighter ones.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simulator.model.conditions import Condition, softest_mode
-from simulator.model.equations import Equations
-from simulator.solver import newton
-from simulator.solver.certify import GAUSS_POINTS, Segment, before_event, between, rounding, straight, work
+from simulator.model.equations import Equations, OpenBalloon
+from simulator.solver import newton, singular
+from simulator.solver.arclength import along
+from simulator.solver.certify import Proposal
+from simulator.solver.ida import Effort
+from simulator.solver.inflation import inflated
 from simulator.solver.newton import NotConverged
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+from simulator.solver.segment import SHORT, rounding
 
 FloatArray = NDArray[np.float64]
 
 _LITTLE = 1e-2  # a margin below which the event may be close
 _BARELY = 1e-3  # a margin of stability this small may be that of a singular point
 _CLOSE = 1e-3  # of two states, in scaled unknowns: too close for steps from one to the other
-_STRAIGHT = 1e-6  # in scaled unknowns: the length of a chord that is the curve to rounding
+_TIGHTEST = 1e-12
+# Tolerance, over the one asked for, and longest step (0: any) of each attempt to follow a path with IDA.
+ATTEMPTS = ((1.0, 0.0), (0.1, 0.0), (1e-2, 0.25), (1e-3, 0.05), (1e-4, 0.01), (1e-5, 2e-3))
+_UPRIGHT = 1e-6  # share of v in a unit tangent, below which the state is a limit point to rounding
 
 
-def up_to_event(
+def proposals(
+    equations: Equations,
+    conditions: Sequence[Condition],
+    start: FloatArray,
+    target: float,
+    rtol: float,
+    effort: Effort,
+) -> Iterator[Callable[[], Proposal | None]]:
+    """Ways to propose the path from a state to v = `target`, the cheapest first; parameters as of `follow`.
+
+    Each gives None where it does not apply, and raises NotConverged where it fails.
+    """
+    yield partial(to_event, equations, conditions, start, target)
+    if abs(target - start[-1]) < SHORT * equations.scales[-1]:
+        yield partial(chord, equations, conditions, start, target)
+    if isinstance(equations, OpenBalloon) and equations.pressure_rate:
+        yield partial(by_formula, equations, conditions, start, target)
+    bound = equations.longest_step / float(equations.scales[-1])
+    for tighter, longest in ATTEMPTS:
+        step = min(longest or bound, bound)
+        yield partial(
+            by_ida, equations, conditions, start, target, max(rtol * tighter, _TIGHTEST), step, effort
+        )
+
+
+def to_event(
     equations: Equations, conditions: Sequence[Condition], start: FloatArray, target: float
-) -> Segment | None:
-    """A piece to an event ahead too close for steps, or to a target before it; None if none is that close.
+) -> Proposal | None:
+    """The chord to an event ahead that is too close for steps; None if none is.
 
-    One interval, or the event alone where the start cannot be told from it.
+    It is the event alone where the start cannot be told from it.
     """
     sense = 1.0 if target > start[-1] else -1.0
     values = start.tolist()
-    found: tuple[str, FloatArray] | None = None
-    for condition in conditions:
-        if float(condition.margin(values)) > _LITTLE:
-            continue
-        event = _event_beside(equations, condition, start, sense)
-        if event is not None and (found is None or sense * (event[-1] - found[1][-1]) < 0.0):
-            found = condition.kind, event
-    if found is None:
+    found = [
+        (sense * float(event[-1] - start[-1]), place, event)
+        for place, condition in enumerate(conditions)
+        if float(condition.margin(values)) <= _LITTLE
+        and (event := _event_beside(equations, condition, start, sense)) is not None
+    ]
+    if not found:
         return None
-    kind, event = found
-    ahead = sense * float(event[-1] - start[-1])
-    way = np.zeros_like(start)
-    way[-1] = sense
+    ahead, place, event = min(found, key=lambda item: item[:2])
+    way = _along_drive(start, sense)
     if ahead <= rounding(equations, values[-1]):
-        tangent = newton.tangent_at_end(equations, event, way)[:, None]
-        dense = np.empty((start.size, 0, GAUSS_POINTS.size))
-        return Segment(event[:, None], tangent, dense, dense, np.zeros(0), kind)
-    last: FloatArray = event
-    end: str | None = kind
-    if sense * (event[-1] - target) > rounding(equations, target):
-        try:
-            last = before_event(equations, start, event, target)
-            end = None
-        except NotConverged:
-            return None
-    nodes = np.stack([start, last], axis=1)
-    tangents = np.stack(
-        [
-            newton.tangents(equations, start[:, None], way[:, None])[:, 0],
-            newton.tangent_at_end(equations, last, last - start),
-        ],
-        axis=1,
+        return Proposal(event[:, None], singular.tangent_at_end(equations, event, way[:, 0])[:, None], place)
+    tangent = newton.tangents(equations, start[:, None], way)
+    return Proposal(np.stack([start, event], axis=1), np.repeat(tangent, 2, axis=1), place)
+
+
+def chord(
+    equations: Equations, conditions: Sequence[Condition], start: FloatArray, target: float
+) -> Proposal:
+    """The chord to a target too close for steps, which rounding would lose."""
+    points = np.repeat(start[:, None], 2, axis=1)
+    points[-1, 1] = target
+    points[:, 1] = newton.one_at_drive(equations, points[:, 1])
+    ahead = np.repeat(_along_drive(start, 1.0 if target > start[-1] else -1.0), 2, axis=1)
+    return Proposal(points, newton.tangents(equations, points, ahead), len(conditions))
+
+
+def by_formula(
+    equations: OpenBalloon, conditions: Sequence[Condition], start: FloatArray, target: float
+) -> Proposal:
+    """The path of one balloon under a moving pressure, which is a formula of its stretch."""
+    return Proposal(*inflated(equations, conditions, start, target))
+
+
+def by_ida(
+    equations: Equations,
+    conditions: Sequence[Condition],
+    start: FloatArray,
+    target: float,
+    rtol: float,
+    longest_step: float,
+    effort: Effort,
+) -> Proposal:
+    """IDA's points along the arclength, to the target or the first condition whose margin falls to zero."""
+    sense = 1.0 if target > start[-1] else -1.0
+    margins = [condition.margin for condition in conditions]
+
+    def events(values: list[float], rates: list[float]) -> list[float]:
+        found = [margin(values) for margin in margins]
+        found.append(sense * (target - values[-1]))
+        return found
+
+    direction = newton.tangents(equations, start[:, None], _along_drive(start, sense))[:, 0]
+    if abs(direction[-1]) < _UPRIGHT * equations.scales[-1]:
+        # On a limit point v does not tell which way is ahead. It is where the state grows stable.
+        direction = singular.tangent_at_end(equations, start, direction)
+        values = start.tolist()
+        # A trace knows several; it begins beside one of them.
+        nearest = min(conditions, key=lambda c: (c.kind != "limit_point", abs(float(c.margin(values)))))
+        direction *= np.sign(nearest.slope(start) @ direction) or 1.0
+    return Proposal(
+        *along(
+            equations.residual,
+            lambda values: equations.linearised(values)[1],
+            events,
+            start,
+            direction,
+            equations.scales,
+            rtol,
+            longest_step,
+            effort,
+        )
     )
-    # On a chord as short as the second, its points are on the curve to rounding.
-    curved = np.max(np.abs(last - start) / equations.scales) > _STRAIGHT
-    try:
-        dense, speeds = between(equations, nodes, tangents) if curved else straight(nodes)
-    except NotConverged:
-        return None
-    return Segment(nodes, tangents, dense, speeds, work(equations, dense, speeds), end)
+
+
+def _along_drive(state: FloatArray, sense: float) -> FloatArray:
+    """The direction in which v alone goes in a sense, a column."""
+    way = np.zeros((state.size, 1))
+    way[-1] = sense
+    return way
 
 
 def _event_beside(
@@ -101,12 +175,12 @@ def _ends_path(equations: Equations, condition: Condition, event: FloatArray, se
     """Whether an event ends a path on which v goes in a sense, or one on which it goes the other way."""
     towards = np.zeros_like(event)
     towards[-1] = sense
-    if condition.kind == "limit_point" and newton.is_fold(equations, event):
+    if condition.kind == "limit_point" and singular.is_fold(equations, event):
         # No path goes on from there; the state falls, and a path that ends there led up to where it falls.
-        escape = newton.escape_direction(equations, event, sense)
+        escape = singular.escape_direction(equations, event, sense)
         towards[: escape.size], towards[-1] = escape, 0.0
     with np.errstate(invalid="ignore"):  # there may be no such tangent
-        tangent = newton.tangent_at_end(equations, event, towards)
+        tangent = singular.tangent_at_end(equations, event, towards)
     return bool(condition.slope(event) @ tangent < -1e-9)
 
 

@@ -18,8 +18,6 @@ C. C. Foo, S. Cai, S. J. A. Koh, S. Bauer, Z. Suo, J. Appl. Phys. 111 (2012) 034
 
 from __future__ import annotations
 
-import contextlib
-import io
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -32,7 +30,7 @@ from simulator.events import EventKind
 from simulator.model.elastomers import NeoHookean, Number, tension_force, tension_stiffness
 from simulator.model.equations import State
 from simulator.model.groups import Group
-from simulator.solver.follow import Effort
+from simulator.solver.ida import Course, Effort, IntegrationError, System, integrate
 
 FloatArray = NDArray[np.float64]
 
@@ -40,16 +38,10 @@ _RTOL = 1e-9
 _ATOL = 1e-11
 # Of the energies that rounding moves, about r²hk λ⁴: a small history has small energies.
 _ATOL_ENERGY = 1e-16
-# Relative tolerance, and that of the energies, over those above, of each attempt. IDA gives up where a margin
-# touches zero to the last digit of a step, which other steps miss; and where an energy passes zero while its
-# rounding has grown with the stretch.
-_ATTEMPTS = ((1.0, 1.0), (0.3, 1.0), (0.1, 1.0), (1.0, 1e3), (0.1, 1e3))
-_MOST_LOOKS = 1_000_000
+# That of the energies again, where an energy passes zero while its rounding has grown with the stretch.
+_ATOL_ENERGY_WIDE = 1e-13
+_MOST_STEPS = 1_000_000
 _SPRING = NeoHookean()
-
-
-class CreepError(ArithmeticError):
-    """IDA could not follow the flow."""
 
 
 @dataclass(frozen=True)
@@ -262,77 +254,49 @@ class Flow:
 
         Raises
         ------
-        CreepError
+        IntegrationError
             If IDA fails.
         """
-        from sksundae.ida import IDA
-
         kinds, margins = self._margins()
-        looks = 0
 
-        def residual(t: float, y: FloatArray, yp: FloatArray, out: FloatArray) -> None:
-            out[:] = self._residual(y.tolist(), yp.tolist(), *drive(t))
+        def watched(t: float, values: list[float], speeds: list[float]) -> list[float]:
+            v = drive(t)[0]
+            return [margin(values, v) for margin in margins]
 
-        def jacobian(
-            t: float, y: FloatArray, yp: FloatArray, res: FloatArray, cj: float, out: FloatArray
-        ) -> None:
-            out[:] = self._jacobian(y.tolist(), yp.tolist(), drive(t)[0], cj)
-
-        def events(t: float, y: FloatArray, yp: FloatArray, out: FloatArray) -> None:
-            nonlocal looks
-            looks += 1
-            if looks > _MOST_LOOKS:
-                raise CreepError(f"no end within {_MOST_LOOKS} steps")
-            values, v = y.tolist(), drive(t)[0]
-            out[:] = [margin(values, v) for margin in margins]
-
-        events.direction = [-1] * len(kinds)  # type: ignore[attr-defined]
-        events.terminal = [kind != "limit_point" for kind in kinds]  # type: ignore[attr-defined]
         start = np.concatenate([stretch, inner, [0.0, 0.0]])
+        rounding = sum(w.weight * x**4 for w, x in zip(self._walls, stretch.tolist(), strict=True))
+        system = System(
+            lambda t, y, yp: self._residual(y, yp, *drive(t)),
+            lambda t, y, yp, cj: self._jacobian(y, yp, drive(t)[0], cj),
+            watched,
+            [kind != "limit_point" for kind in kinds],
+        )
         rates = np.array(self._rates(start.tolist(), *drive(float(times[0]))))
         # A third time, or IDA's own steps would be returned.
         asked = times if times.size > 2 else np.array([times[0], times.mean(), times[-1]])
-        rounding = sum(w.weight * x**4 for w, x in zip(self._walls, stretch.tolist(), strict=True))
-        for tighter, wider in _ATTEMPTS:
-            solver: Any = IDA(
-                residual,
-                jacfn=jacobian,
-                eventsfn=events,
-                num_events=len(kinds),
-                rtol=tighter * _RTOL,
-                atol=np.array([*[_ATOL] * (start.size - 2), *[wider * _ATOL_ENERGY * rounding] * 2]),
-                max_num_steps=_MOST_LOOKS,
+
+        def integrated(atol_energy: float) -> Course:
+            atol = np.array([*[_ATOL] * (start.size - 2), *[atol_energy * rounding] * 2])
+            return integrate(
+                system, asked, start, rates, effort, rtol=_RTOL, atol=atol, most_steps=_MOST_STEPS
             )
-            with contextlib.redirect_stdout(io.StringIO()):  # where scikit-sundae prints failures
-                try:
-                    result = solver.solve(asked, start, rates)
-                except ArithmeticError:
-                    raise
-                except Exception as failure:  # of scikit-sundae: a KeyError where SUNDIALS refuses its input
-                    raise CreepError(f"IDA: {failure!r}") from failure
-            effort.ida_solves += 1
-            effort.residual_calls += int(result.nfev)
-            effort.jacobian_calls += int(result.njev)
-            if result.status >= 0:
-                break
-        effort.ida_steps += looks
-        if result.status < 0:
-            raise CreepError(f"IDA: {result.message}")
-        passed: list[Passed] = []
-        if result.t_events is not None:
-            for t, y, which in zip(result.t_events, result.y_events, result.i_events, strict=True):
-                passed += [Passed(float(t), kinds[k], y[: self.count].copy()) for k in np.flatnonzero(which)]
+
+        try:
+            course = integrated(_ATOL_ENERGY)
+        except IntegrationError:
+            course = integrated(_ATOL_ENERGY_WIDE)
+        passed = tuple(Passed(e.time, kinds[e.which], e.state[: self.count].copy()) for e in course.events)
         ended = bool(passed) and passed[-1].kind != "limit_point"
         end = passed[-1].time if ended else float(times[-1])
-        kept = np.isin(result.t, times) & (result.t < end) | (result.t == end)
-        last = result.y[-1]
+        kept = np.isin(course.time, times) & (course.time < end) | (course.time == end)
+        last = course.states[-1]
         return Passage(
-            result.t[kept],
-            result.y[kept, : self.count],
+            course.time[kept],
+            course.states[kept, : self.count],
             last[self.count : -2].copy(),
             float(last[-2]),
             float(last[-1]),
-            tuple(passed),
+            passed,
             ended,
         )
 

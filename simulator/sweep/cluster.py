@@ -9,7 +9,7 @@ from typing import Any
 
 from simulator.sweep.loading import MissingExtra
 
-_PATIENCE = 10.0  # seconds to wait for a scheduler
+PATIENCE = 10.0  # seconds to wait for a scheduler
 
 __all__ = ["MissingExtra", "connected"]
 
@@ -37,7 +37,7 @@ def connected(address: str) -> Iterator[tuple[Executor, int]]:
     try:
         # Any: it comes without types.
         make: Any = distributed.Client
-        client = make(address, timeout=_PATIENCE, set_as_default=False)
+        client = make(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, TimeoutError, ValueError, ImportError) as error:
         reason = str(error).strip() or type(error).__name__
         raise ConnectionError(

@@ -1,4 +1,4 @@
-"""Random scenarios of a sealed pair, simulated and compared with the closed form (`tests.oracle.closed_form`).
+"""Random scenarios of a sealed pair, simulated and compared with `tests.oracle.closed_form`.
 
     make fuzz N=10000 SEED=2026        (or: python -m tests.fuzz 10000 --seed 2026)
 
@@ -22,9 +22,9 @@ file; what is under its "scenario" goes into `load_scenario`. What "agree" means
   that hardly moves exchanges less than that); what each event dissipated within 1e-8.
 
 A scenario can be undecidable: a ramp turns round at the very voltage of an event, or a snap only just keeps
-its tension. `Margin` in `tests.oracle.closed_form` says how near each such decision was; below `UNDECIDED` (1e-11 of
-the film's voltage, as margins of events are solved to 1e-12; the error of a flow) the two may go different
-ways and both be right. Where it is a turn, the simulator must agree in everything with the reference of a
+its tension. `Margin` in `tests.oracle.closed_form` says how near each such decision was; below `UNDECIDED`
+(1e-11 of the film's voltage, as margins of events are solved to 1e-12; the error of a flow) the two may go
+different ways and both be right. Where it is a turn, the simulator must agree in everything with the reference of a
 turn just before the event, or at it, or just beyond it. Where it is a flow, it is compared up to there. Such
 scenarios are counted as undecided.
 

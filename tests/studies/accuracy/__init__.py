@@ -1,4 +1,4 @@
-"""Error against run time, beside the closed form and what one would write instead: `balloons accuracy`."""
+"""Error against run time, beside the closed form and what one would write instead: `make accuracy`."""
 
 from __future__ import annotations
 

@@ -22,16 +22,17 @@ from simulator.model.groups import Group
 from simulator.results.history import EventKind, History, Outcome
 from simulator.scenario import Output, Scenario, Solver
 from simulator.simulation.run import simulate
-from simulator.solver import flow, follow, newton
-from simulator.solver.certify import Cubics, work
-from simulator.solver.follow import Effort
+from simulator.solver import flow, newton, singular
+from simulator.solver.arclength import along
+from simulator.solver.ida import Effort
+from simulator.solver.segment import Cubics, work
 from tests.studies.accuracy.problem import Leg, LimitPoint, Samples, Solution, Task, WrongHistory
 
 FloatArray = NDArray[np.float64]
 Residual = Callable[[list[float]], list[float]]
 Jacobian = Callable[[list[float]], list[list[float]]]
 Events = Callable[[list[float], list[float]], list[float]]
-# `follow.along` without its longest step: points, directions and which event ended them.
+# `along` without its longest step: points, directions and which event ended them.
 Integrator = Callable[..., tuple[FloatArray, FloatArray, int]]
 
 # Stretch by which a snap is started off its limit point: the simulator's first try; and as the limit point is
@@ -99,7 +100,7 @@ def _ida(
     rtol: float,
     effort: Effort,
 ) -> tuple[FloatArray, FloatArray, int]:
-    return follow.along(residual, jacobian, events, start, direction, scales, rtol, 0.0, effort)
+    return along(residual, jacobian, events, start, direction, scales, rtol, 0.0, effort)
 
 
 def _scipy_dae(
@@ -253,7 +254,7 @@ class _Unpolished:
 
     def _snap(self, state: FloatArray, sense: float) -> FloatArray:
         equations = self.group.equations
-        escape = newton.escape_direction(equations, state, sense)
+        escape = singular.escape_direction(equations, state, sense)
         start = state.copy()
         distance = max(_NUDGE, float(np.sqrt(self.rtol)))
         start[: escape.size] += distance * escape

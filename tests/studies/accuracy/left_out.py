@@ -163,7 +163,7 @@ def imported(scenarios: Sequence[dict[str, Any]]) -> list[tuple[tuple[str, ...],
     RuntimeError
         If a process fails.
     """
-    home = str(Path(__file__).parent.parent.parent)
+    home = str(Path(__file__).parents[3])
     paths = [home, *filter(None, [os.environ.get("PYTHONPATH")])]
     pipes: dict[str, Any] = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
     processes = [

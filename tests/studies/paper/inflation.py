@@ -35,7 +35,8 @@ def statements(scenarios: Path, cases: dict[str, Case]) -> list[Statement]:
     parts = np.sign(np.diff(curve.pressure))
     turns = parts[np.insert(np.diff(parts) != 0, 0, True)].tolist()
     active, passive = (
-        trace_inflation(cases["5b A"].scenario, name, to_stretch=_FAR).points[0] for name in ("active", "passive")
+        trace_inflation(cases["5b A"].scenario, name, to_stretch=_FAR).points[0]
+        for name in ("active", "passive")
     )
     return [
         Statement(

@@ -16,10 +16,9 @@ if TYPE_CHECKING:
 
 # Checks, and where they live. A landing's includes Newton's method, which finds it.
 _CHECKS: dict[str, tuple[Any, str]] = {
-    "points in line (`_check_smooth`)": (certify, "_check_smooth"),
-    "ends (`_check_end`)": (certify, "_check_end"),
-    "margins (`_check_margins`)": (certify, "_check_margins"),
-    "samples (`_check_between`)": (branch.Branch, "_check_between"),
+    "points in line (`sharp`)": (certify, "sharp"),
+    "margins (`judged`)": (certify, "judged"),
+    "samples (`check_between`)": (branch.Branch, "check_between"),
     "landings (`landing_from`)": (flow, "landing_from"),
 }
 

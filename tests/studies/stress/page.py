@@ -7,6 +7,7 @@ import math
 import os
 import platform
 from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -17,13 +18,33 @@ from tests.studies.stress.case import Row, examine
 from tests.studies.stress.cost import shares
 from tests.studies.stress.sabotage import Tally, disturbances, random_pairs, tallies
 
-_REPETITIONS = 3
-_RANDOM_PAIRS = 200
+
+@dataclass(frozen=True)
+class Effort:
+    """How much of the page is computed.
+
+    Attributes
+    ----------
+    repetitions : int
+        Of every case; times are medians.
+    rows, cycles : int
+        Rows of the noisy table, and cycles of the sine.
+    pairs : int
+        Random pairs that are disturbed, beside the paper's scenarios.
+    """
+
+    repetitions: int = 3
+    rows: int = 100_000
+    cycles: int = 1000
+    pairs: int = 200
+
+
+FULL = Effort()
 
 _HEAD = """\
 # Stability: stiff and extreme scenarios
 
-This page is written by `balloons stress`; every row is computed as it is written, and is a test in
+This page is written by `make stress`; every row is computed as it is written, and is a test in
 `tests/test_stress.py` (there with shorter waveforms and fewer random pairs).
 
 """
@@ -71,7 +92,7 @@ Random sealed pairs, each history compared with the closed form in every event a
 """
 
 
-def stability_page(scenarios: Path, fuzz: Path) -> str:
+def stability_page(scenarios: Path, fuzz: Path, effort: Effort = FULL) -> str:
     """The page, from the paper's scenario files.
 
     Parameters
@@ -80,6 +101,8 @@ def stability_page(scenarios: Path, fuzz: Path) -> str:
         Folder of the paper's scenario files.
     fuzz : Path
         Result file of the fuzz; need not exist.
+    effort : Effort
+        How much is computed.
 
     Raises
     ------
@@ -87,18 +110,21 @@ def stability_page(scenarios: Path, fuzz: Path) -> str:
         If one is invalid, or there is none.
     """
     shipped = _shipped(scenarios)
-    rows = {subject: [examine(case, _REPETITIONS) for case in cases] for subject, cases in groups().items()}
-    written = [scenario.to_dict() for scenario in shipped] + random_pairs(_RANDOM_PAIRS)
+    rows = {
+        subject: [examine(case, effort.repetitions) for case in cases]
+        for subject, cases in groups(effort.rows, effort.cycles).items()
+    }
+    written = [scenario.to_dict() for scenario in shipped] + random_pairs(effort.pairs)
     disturbed = tallies(written, disturbances())
     return "".join(
         [
             _HEAD,
-            _machine(),
+            _machine(effort),
             _CASES,
             _count([row for part in rows.values() for row in part]),
             *(f"### {subject}\n\n{_table(part)}\n" for subject, part in rows.items()),
             _failures([row for part in rows.values() for row in part]),
-            _SABOTAGE.format(count=_RANDOM_PAIRS),
+            _SABOTAGE.format(count=effort.pairs),
             _disturbed(disturbed),
             _COST,
             _shares(shares(shipped)),
@@ -115,10 +141,10 @@ def _shipped(scenarios: Path) -> list[Scenario]:
     return [load_scenario(file) for file in files]
 
 
-def _machine() -> str:
+def _machine(effort: Effort) -> str:
     libraries = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "scikit-sundae"))
     return (
-        f"Times are medians of {_REPETITIONS} in one process, on {_processor()}, {os.cpu_count()} cores "
+        f"Times are medians of {effort.repetitions} in one process, on {_processor()}, {os.cpu_count()} cores "
         f"shared with other work, {platform.system()}, Python {platform.python_version()}, {libraries}.\n\n"
     )
 
@@ -211,9 +237,7 @@ def _shares(found: dict[str, float]) -> str:
 def _fuzz(file: Path) -> str:
     """The table of a fuzz's result file, or how to come by it."""
     if not file.exists():
-        return (
-            f"No `{file.name}` beside this page yet: `make fuzz` produces it, `balloons stress` reads it.\n"
-        )
+        return f"No `{file.name}` beside this page yet: `make fuzz` produces it, `make stress` reads it.\n"
     result: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
     lines = ["| | |", "|---|---|"]
     for key, value in result.items():

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from simulator.scenario import load_scenario
 from simulator.simulation import atlas
 from simulator.simulation.run import SolverError, simulate
-from simulator.solver import branch, certify, flow, follow, landing, newton
+from simulator.solver import branch, certify, flow, landing, newton, proposals, singular
+from simulator.solver.certify import Proposal
 from simulator.solver.newton import NotConverged
 from tests.studies.stress.closed_form import relative
 
@@ -185,27 +186,24 @@ def _replaced(owner: Any, name: str, value: object) -> Iterator[None]:
 
 
 def _one_attempt(strikes: Strikes) -> AbstractContextManager[None]:
-    return _replaced(follow, "_ATTEMPTS", follow._ATTEMPTS[:1])
-
-
-Followed = tuple[FloatArray, FloatArray, int]
+    return _replaced(proposals, "ATTEMPTS", proposals.ATTEMPTS[:1])
 
 
 def _paths(
-    spoil: Callable[[Strikes, Any, Followed, int], Followed | None],
+    spoil: Callable[[Strikes, Any, Proposal, int], Proposal | None],
 ) -> Callable[[Strikes], AbstractContextManager[None]]:
-    """A disturbance of what IDA returns of a path: points, directions, and which condition ended it."""
+    """A disturbance of what IDA proposes as a path."""
 
     def during(strikes: Strikes) -> AbstractContextManager[None]:
-        integrate = follow._integrate
+        by_ida = proposals.by_ida
 
-        def disturbed(equations: Any, conditions: Any, *rest: Any) -> Followed:
-            followed = integrate(equations, conditions, *rest)
+        def disturbed(equations: Any, conditions: Any, *rest: Any) -> Proposal:
+            followed = by_ida(equations, conditions, *rest)
             spoilt = spoil(strikes, equations, followed, len(conditions)) if strikes.now() else None
             strikes.count += spoilt is not None
             return spoilt or followed
 
-        return _replaced(follow, "_integrate", disturbed)
+        return _replaced(proposals, "by_ida", disturbed)
 
     return during
 
@@ -231,8 +229,8 @@ def _other(strikes: Strikes, equations: Any, state: FloatArray) -> FloatArray | 
     return None
 
 
-def _stray(strikes: Strikes, equations: Any, followed: Followed, target: int) -> Followed | None:
-    points, directions, ended = followed
+def _stray(strikes: Strikes, equations: Any, followed: Proposal, target: int) -> Proposal | None:
+    points, directions, ended = followed.points, followed.directions, followed.ended
     if points.shape[1] < 3:
         return None
     place = int(strikes.rng.integers(1, points.shape[1] - 1))
@@ -241,11 +239,11 @@ def _stray(strikes: Strikes, equations: Any, followed: Followed, target: int) ->
         return None
     points = points.copy()
     points[:, place] = other
-    return points, directions, ended
+    return Proposal(points, directions, ended)
 
 
-def _slip(strikes: Strikes, equations: Any, followed: Followed, target: int) -> Followed | None:
-    points, directions, ended = followed
+def _slip(strikes: Strikes, equations: Any, followed: Proposal, target: int) -> Proposal | None:
+    points, directions, ended = followed.points, followed.directions, followed.ended
     if points.shape[1] < 3 or ended != target:
         return None
     place = int(strikes.rng.integers(1, points.shape[1] - 1))
@@ -263,40 +261,40 @@ def _slip(strikes: Strikes, equations: Any, followed: Followed, target: int) -> 
     ahead = np.zeros_like(points[:, place:])
     ahead[-1] = np.sign(points[-1, -1] - points[-1, 0])
     directions[:, place:] = newton.tangents(equations, points[:, place:], ahead)
-    return points, directions, ended
+    return Proposal(points, directions, ended)
 
 
-def _kept(followed: Followed, kept: Sequence[int]) -> Followed | None:
-    points, directions, ended = followed
+def _kept(followed: Proposal, kept: Sequence[int]) -> Proposal | None:
+    points, directions, ended = followed.points, followed.directions, followed.ended
     if points.shape[1] < 4:
         return None
-    return points[:, kept].copy(), directions[:, kept].copy(), ended
+    return Proposal(points[:, kept].copy(), directions[:, kept].copy(), ended)
 
 
-def _thin(strikes: Strikes, equations: Any, followed: Followed, target: int) -> Followed | None:
-    last = followed[0].shape[1] - 1
+def _thin(strikes: Strikes, equations: Any, followed: Proposal, target: int) -> Proposal | None:
+    last = followed.points.shape[1] - 1
     return _kept(followed, [*range(0, last, 6), last])
 
 
-def _bare(strikes: Strikes, equations: Any, followed: Followed, target: int) -> Followed | None:
-    return _kept(followed, [0, followed[0].shape[1] - 1])
+def _bare(strikes: Strikes, equations: Any, followed: Proposal, target: int) -> Proposal | None:
+    return _kept(followed, [0, followed.points.shape[1] - 1])
 
 
-def _overrun(strikes: Strikes, equations: Any, followed: Followed, target: int) -> Followed | None:
-    points, directions, ended = followed
-    return None if ended == target else (points, directions, target)
+def _overrun(strikes: Strikes, equations: Any, followed: Proposal, target: int) -> Proposal | None:
+    points, directions, ended = followed.points, followed.directions, followed.ended
+    return None if ended == target else Proposal(points, directions, target)
 
 
 def _blind(strikes: Strikes) -> AbstractContextManager[None]:
-    integrate = follow._integrate
+    by_ida = proposals.by_ida
 
-    def disturbed(equations: Any, conditions: Any, *rest: Any) -> Followed:
+    def disturbed(equations: Any, conditions: Any, *rest: Any) -> Proposal:
         if not strikes.now():
-            return integrate(equations, conditions, *rest)
+            return by_ida(equations, conditions, *rest)
         strikes.count += 1
-        return integrate(equations, [replace(c, margin=lambda y: 1.0) for c in conditions], *rest)
+        return by_ida(equations, [replace(c, margin=lambda y: 1.0) for c in conditions], *rest)
 
-    return _replaced(follow, "_integrate", disturbed)
+    return _replaced(proposals, "by_ida", disturbed)
 
 
 def _within(module: Any, **others: Any) -> AbstractContextManager[None]:
@@ -327,7 +325,7 @@ def _aside(strikes: Strikes) -> AbstractContextManager[None]:
 
 
 def _uphill(strikes: Strikes) -> AbstractContextManager[None]:
-    escape = newton.escape_direction
+    escape = singular.escape_direction
 
     def disturbed(equations: Any, state: FloatArray, direction: float) -> FloatArray:
         if not strikes.now():
@@ -366,7 +364,7 @@ def _elsewhere(strikes: Strikes) -> AbstractContextManager[None]:
 
 
 def _misread(strikes: Strikes) -> AbstractContextManager[None]:
-    guess = branch.Branch._guess
+    guess = branch.Branch.interpolated
 
     def disturbed(self: branch.Branch, place: Any, v: FloatArray) -> FloatArray:
         states = guess(self, place, v)
@@ -376,7 +374,7 @@ def _misread(strikes: Strikes) -> AbstractContextManager[None]:
                 states[:, k] = _moved(strikes, self.equations, states[:, k], 0.3)
         return states
 
-    return _replaced(branch.Branch, "_guess", disturbed)
+    return _replaced(branch.Branch, "interpolated", disturbed)
 
 
 # -- scenarios -----------------------------------------------------------------------------------------

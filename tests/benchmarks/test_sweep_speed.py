@@ -164,7 +164,7 @@ def test_memory_of_a_sweep_is_flat(tmp_path):
     assert np.ptp(table[:, 2]) < 8.0
 
 
-def _resident(process: int | str) -> float:
+def _resident(process: int | str | None) -> float:
     """Resident memory in MB, 0 where there is no such process."""
     try:
         pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])

@@ -1,0 +1,97 @@
+"""Singular points of the equilibrium path: what they are, and how the state leaves them.
+
+Where the scaled Hessian S is singular the path folds back in v (a limit point) or another path crosses it (a
+branch point). S = T H T, so a mode z of S is the change T z of the stretches.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.model.conditions import modes, softest_mode
+from simulator.model.equations import Equations
+
+FloatArray = NDArray[np.float64]
+
+CROSSING = 1e-11  # a singular value this small, of rows of unit length, is zero: two curves cross
+_SOFT = 1e-8  # of the largest stiffness: an eigenvalue that is one of several that vanish together
+_PART = 1e-3  # of a unit mode: a balloon that takes part in it
+
+
+def _unit_rows(equations: Equations, state: FloatArray) -> FloatArray:
+    """The Jacobian at one state in scaled unknowns, its rows of unit length."""
+    rows = np.array(equations.linearised(state.tolist())[1], dtype=np.float64) * equations.scales
+    return np.asarray(rows / np.sqrt(np.einsum("ij,ij->i", rows, rows))[:, None])
+
+
+def is_fold(equations: Equations, state: FloatArray) -> bool:
+    """Whether the drive pushes a singular point along its soft mode: a limit point (else a branch point)."""
+    return bool(np.linalg.svd(_unit_rows(equations, state))[1][-1] > CROSSING)
+
+
+def tangent_at_end(equations: Equations, state: FloatArray, towards: FloatArray) -> FloatArray:
+    """Unit tangent at one state on the side of `towards`, also at a branch point, where two curves cross."""
+    scales = equations.scales
+    # One tangent spans the null space of the rows; where two curves cross there are two, and what `towards`
+    # has in their plane is the curve that was followed.
+    _, sizes, vectors = np.linalg.svd(_unit_rows(equations, state))
+    null = vectors[np.count_nonzero(sizes > CROSSING) :]
+    along = null.T @ (null @ (towards / scales))
+    return np.asarray(scales * along / np.linalg.norm(along))
+
+
+def _compliance(equations: Equations, state: FloatArray) -> FloatArray:
+    """T of S = T H T up to the moduli: √(D/(r²h)) of every balloon, (n_balloons,)."""
+    return np.array(
+        [
+            np.sqrt(max(wall.elastomer.pole_form(x)[1], 1e-300) / wall.weight)
+            for wall, x in zip(equations.walls, state.tolist(), strict=False)
+        ]
+    )
+
+
+def escape_direction(equations: Equations, state: FloatArray, direction: float) -> FloatArray:
+    """How the stretches leave a fold when the drive goes on: the soft mode, on the downhill side.
+
+    Parameters
+    ----------
+    state : (n_unknowns,) array
+        A limit point.
+    direction : ±1
+        Sense in which v moves.
+
+    Returns
+    -------
+    (n_balloons,) array
+        Change of the stretches, unit length.
+    """
+    mode = softest_mode(equations, state)
+    scale = _compliance(equations, state)
+    # R's push on the mode z is Σ z √(weight/D) ∂R/∂v.
+    rows = equations.linearised(state.tolist())[1][: mode.size]
+    push = np.array([row[-1] for row in rows], dtype=np.float64)
+    away = -np.sign(direction * (mode / scale) @ push)
+    change = (away if away else 1.0) * scale * mode
+    return np.asarray(change / np.linalg.norm(change))
+
+
+def softest_change(equations: Equations, state: FloatArray) -> FloatArray:
+    """The softest mode as a change of the stretches, unit length, (n_balloons,)."""
+    change = _compliance(equations, state) * softest_mode(equations, state)
+    return np.asarray(change / np.linalg.norm(change))
+
+
+def parting_direction(equations: Equations, state: FloatArray) -> FloatArray:
+    """How the stretches part at a branch point: of all soft modes, what lets the first balloon grow most.
+
+    With more than two equal balloons there are several soft modes, and the first balloon against all others
+    is the direction in which another branch leaves. Unit length, (n_balloons,).
+    """
+    diagonal, _ = equations.stiffness(state.tolist())
+    sizes, vectors = modes(equations, state)
+    soft = vectors[:, np.abs(sizes) <= _SOFT * max(np.abs(sizes).max(), np.abs(diagonal).max())]
+    soft = soft if soft.size else vectors[:, :1]
+    first = int(np.argmax(np.abs(soft).max(axis=1) > _PART))
+    change = _compliance(equations, state) * (soft @ soft[first])
+    return np.asarray(change / np.linalg.norm(change))
