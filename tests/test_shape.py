@@ -240,3 +240,37 @@ def test_an_ogden_film_that_shears() -> None:
     for event, stretch in zip(found, (1.800274390265163, 2.6031936535037), strict=True):
         assert event.stretch_before[0] == pytest.approx(stretch, abs=1e-4)
         assert film.shear_stiffness(float(event.stretch_before[0])) == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("how", ["record", "stop"])
+def test_in_real_time_it_is_lost_where_the_margin_vanishes(how: str) -> None:
+    written = load_scenario("scenarios/fig3c_state_b.toml").to_dict() | {"shape": {"on_loss": how}}
+    late = []
+    for time in (1e-3, 1e-4):
+        history = simulate(load_scenario(written | {"dynamics": {"relaxation_time": time}}))
+        found = shapes(history)
+        late.append(found[0].voltage[0] - 0.314060834937)
+        row = int(np.flatnonzero(history.time == found[0].time)[0])
+        assert history.sphericity[row, 0] == pytest.approx(0.0, abs=1e-6)
+        assert [event.kind for event in found] == ([LOST, REGAINED] * 2 if how == "record" else [LOST])
+        assert (history.outcome is Outcome.LOSS_OF_SPHERICITY) == (how == "stop")
+        assert history.energy_balance.relative_imbalance < 1e-8
+    # On a branch the balloons lag behind the drive by a time in proportion to their own.
+    assert late[0] / late[1] == pytest.approx(10.0, rel=0.02)
+
+
+def test_in_real_time_a_jump_of_the_voltage_is_judged_at_once() -> None:
+    scenario = pair(
+        1.2,
+        {"jump": 1.0},
+        {"hold": 1e-3},
+        {"jump": 0.0},
+        {"hold": 1},
+        ambient=0.015,
+        dynamics={"relaxation_time": 0.1},
+    )
+    found = shapes(simulate(scenario))
+    assert [(event.kind, event.time) for event in found] == [
+        (LOST, 1.0),
+        (REGAINED, pytest.approx(1.001)),
+    ]

@@ -132,8 +132,8 @@ class ShapeCondition:
     place : int
         Of the balloon, among those of its equations.
     mode : {"pear", "shear"}
-        What it would turn into: a pear, or, where its elastomer does not resist shear in its surface, a sphere
-        that shears.
+        What it would turn into: a pear, or, where its elastomer does not resist shear in its surface, a
+        sphere that shears.
     condition : Condition
         Positive while it is a sphere, zero where it is lost.
     """

@@ -1,7 +1,7 @@
 """Whether the balloons stay spheres: where each would turn into a pear.
 
 Every history is that of spheres. Beside it, this module looks at the margin of sphericity of each balloon
-(`model.conditions.shape_conditions`): along the branches it is evaluated on the path in outline, a change of
+(`model.conditions.shape_conditions`). Along the branches it is evaluated on the path in outline; a change of
 sign is bracketed, and the state where it vanishes is Newton's on [residual, margin] = 0. A branch is looked at
 once, however often a history passes along it.
 """
@@ -39,8 +39,8 @@ class ShapeChange:
     kind : EventKind
     balloon : int
     mode : {"pear", "shear"}
-    before, after : (n_unknowns,) arrays
-        The state y of its equations in which it happens; of a flow, those between which it happens.
+    before : (n_unknowns,) array
+        The state y of its equations in which it happens, on a branch.
     fraction : float
         Of the leg.
     place : int
@@ -50,8 +50,7 @@ class ShapeChange:
     kind: EventKind
     balloon: int
     mode: str
-    before: FloatArray
-    after: FloatArray
+    before: FloatArray = field(default_factory=lambda: np.empty(0))
     fraction: float = 0.0
     place: int = 0
 
@@ -114,8 +113,7 @@ class ShapeWatch:
                         else EventKind.SPHERICITY_REGAINED
                     )
                     fraction = waveform.when(piece, crossing.v)
-                    state = crossing.state
-                    yield ShapeChange(kind, balloon, one.mode, state, state, fraction, place)
+                    yield ShapeChange(kind, balloon, one.mode, crossing.state, fraction, place)
 
     def _on_branch(self, branch: Branch, one: ShapeCondition) -> list[_Crossing]:
         """Where a margin vanishes on what is known of a branch, in order of rising v."""
@@ -128,12 +126,10 @@ class ShapeWatch:
     def in_exit(self, group: Group, exit: Exit) -> Iterator[ShapeChange]:
         """What a flow changes: shapes that are lost or regained on its way.
 
-        Where in between that is depends on the flow, which is followed only as well as its end needs it. So a
-        change is known by the states before and after.
+        Where in between that is depends on the flow, which is followed only as well as its end needs it.
         """
         if exit.rest is None or exit.runs_away:
             return
-        sides = exit.before, exit.rest.state
         for one in self.conditions(group):
             balloon, margin = group.members[one.place], one.condition.margin
             gone = (balloon, one.mode) in self.lost
@@ -141,11 +137,28 @@ class ShapeWatch:
             if exit.rest.path.size and not gone and not ends_lost:
                 below = np.flatnonzero(np.asarray(margin(exit.rest.path), dtype=np.float64) < 0.0)
                 if below.size:
-                    yield ShapeChange(EventKind.LOSS_OF_SPHERICITY, balloon, one.mode, *sides)
+                    yield ShapeChange(EventKind.LOSS_OF_SPHERICITY, balloon, one.mode)
                     gone = True
             if gone != ends_lost:
                 kind = EventKind.LOSS_OF_SPHERICITY if ends_lost else EventKind.SPHERICITY_REGAINED
-                yield ShapeChange(kind, balloon, one.mode, *sides)
+                yield ShapeChange(kind, balloon, one.mode)
+
+    def in_state(self, group: Group, state: FloatArray) -> Iterator[ShapeChange]:
+        """What the shapes of a group's balloons are in a state, where they were something else before.
+
+        A balloon that nothing can take its shape, without a voltage, is a sphere.
+        """
+        kept = {(group.members[one.place], one.mode) for one in self.conditions(group)}
+        for balloon, mode in sorted(self.lost - kept):
+            if balloon in group.members:
+                yield ShapeChange(EventKind.SPHERICITY_REGAINED, balloon, mode)
+        for one in self.conditions(group):
+            balloon, margin = group.members[one.place], float(one.condition.margin(state.tolist()))
+            if (balloon, one.mode) in self.lost:
+                if margin > 0.0:
+                    yield ShapeChange(EventKind.SPHERICITY_REGAINED, balloon, one.mode)
+            elif margin < 0.0:
+                yield ShapeChange(EventKind.LOSS_OF_SPHERICITY, balloon, one.mode)
 
     def takes(self, change: ShapeChange) -> bool:
         """Whether a change is one for the device as it is; from then on it is as the change says."""
