@@ -16,12 +16,13 @@ WORKERS ?= 2
 # Further options of a study or of the benchmarks: `make accuracy OPTIONS="--repeat 1 --out results"`.
 OPTIONS ?=
 
-.PHONY: help venv demo test check coverage lowest pythons bench fuzz accuracy stress paper figures
+.PHONY: help venv demo test format check coverage lowest pythons bench fuzz accuracy stress paper figures
 
 help:
 	@echo "make demo      run scenarios/$(DEMO).toml, write its CSV files and its picture"
 	@echo "make test      run the tests"
 	@echo "make check     lint, check format, types and the import rules"
+	@echo "make format    mend lint and format where that is safe"
 	@echo "make coverage  run the tests, and say which lines they do not reach"
 	@echo "make lowest    run the tests with the oldest releases that pyproject.toml allows"
 	@echo "make pythons   run the tests on every supported Python of this machine"
@@ -44,6 +45,10 @@ demo: $(INSTALLED)
 test: $(INSTALLED)
 	$(BIN)/python -m pytest --numprocesses $(WORKERS) $(TESTS)
 
+format: $(INSTALLED)
+	$(BIN)/ruff check --fix
+	$(BIN)/ruff format
+
 check: $(INSTALLED)
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
@@ -56,8 +61,9 @@ coverage: $(INSTALLED)
 lowest pythons: $(INSTALLED)
 	$(BIN)/python -m tests.environments $@ --numprocesses $(WORKERS) $(TESTS)
 
+# The second line is what does not time one function, and prints or asserts instead.
 bench: $(INSTALLED)
-	$(BIN)/python -m pytest tests/benchmarks --benchmark-only $(OPTIONS)
+	$(BIN)/python -m pytest tests/benchmarks -k "not (memory or reach or cpu)" $(or $(OPTIONS),--benchmark-enable)
 	$(BIN)/python -m pytest tests/benchmarks -k "memory or reach or cpu" -s
 
 fuzz: $(INSTALLED)

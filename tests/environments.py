@@ -20,10 +20,11 @@ from typing import Any
 
 ROOT = Path(__file__).parent.parent
 MINORS = range(11, 16)  # from `requires-python` to what may come
+TOOLS = ("import-linter", "mypy", "pandas-stubs", "pre-commit", "ruff")  # the suite does not use them
 
 
 def lower_bounds(project: dict[str, Any]) -> list[str]:
-    """Every requirement and extra of a project at its lower bound, as constraints of pip.
+    """Every requirement and extra of a project at its lower bound, as constraints of pip; no tools.
 
     Parameters
     ----------
@@ -32,7 +33,8 @@ def lower_bounds(project: dict[str, Any]) -> list[str]:
     """
     extras = project["optional-dependencies"].values()
     everything = {*project["dependencies"], *(one for extra in extras for one in extra)}
-    return sorted(requirement.replace(">=", "==") for requirement in everything)
+    split = (requirement.split(">=") for requirement in sorted(everything))
+    return [f"{name}=={version}" for name, version in split if name not in TOOLS]
 
 
 def interpreter(minor: int) -> str | None:

@@ -186,3 +186,13 @@ def test_both_snaps_are_met_down_to_a_millionth_from_where_they_merge(J_lim):
     for event, extremum in zip(history.events, (peak, valley), strict=True):
         assert event.pressure_before == pytest.approx(extremum.pressure, abs=1e-14)
         assert event.stretch_before[0] == pytest.approx(extremum.stretch, abs=1e-11)
+
+
+@pytest.mark.parametrize("short", [1e-15, 1e-12, 1e-9, 1e-6])
+def test_a_film_that_breaks_only_where_it_would_rest_breaks(short):
+    """A jump creeps to its rest, and the field passes the strength in the last digits of the way."""
+    jump = {"jump": 0.3}
+    rest = float(run(pair(1.2, jump, ambient=0.015)).stretch[-1, 0])
+    for strength, outcome in ((1.0 - short, "breakdown"), (1.0 + short, "completed")):
+        scenario = pair(1.2, jump, ambient=0.015, active={"breakdown": {"field": 0.3 * rest**2 * strength}})
+        assert run(scenario).outcome.value == outcome

@@ -16,7 +16,7 @@ from simulator import EventKind, load_scenario, simulate
 from simulator.analysis.fold import fold
 from simulator.analysis.sensitivity import sensitivities
 from simulator.analysis.start import sealed_state
-from simulator.analysis.trace import trace, trace_all
+from simulator.analysis.trace import trace, trace_all, trace_inflation
 from simulator.cli import app
 from simulator.scenario import ScenarioError
 from tests.pairs import pair
@@ -221,6 +221,27 @@ def test_a_fold_goes_to_another_value_of_its_key(tmp_path, vary, to, said):
     assert done.exit_code == 2
     assert said in done.stderr
     assert not (tmp_path / "out").exists()
+
+
+def test_a_fold_ends_where_the_inflation_leads_to_another_state():
+    """Below its peak pressure a balloon is not inflated to the large stretch that the curve began with."""
+    rubber = {"model": "mooney-rivlin", "C1": 1.0, "C2": 0.149}
+    scenario = load_scenario(
+        {
+            "title": "three alike",
+            "gas": {"ambient_pressure": 100.0},
+            "balloon": [
+                {"name": "a", "electrodes": True, "elastomer": rubber},
+                {"name": "b", "electrodes": True, "elastomer": rubber},
+                {"name": "c", "elastomer": rubber},
+            ],
+            "step": [{"inflate": 1.573}],
+        }
+    )
+    curve = fold(scenario, "step.1.inflate", 1.35)
+    peak = limit_points(trace_inflation(scenario))[0].pressure
+    assert curve.end == "inflation_limit"
+    assert curve.value[-1] == pytest.approx(peak, rel=1e-9)
 
 
 # -- sensitivities ------------------------------------------------------------------------------------------

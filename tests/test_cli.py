@@ -13,8 +13,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
-from click.testing import Result
-from typer.testing import CliRunner
+from typer.testing import CliRunner, Result
 
 from simulator.cli import app, summary
 from simulator.results.history import Outcome

@@ -55,7 +55,7 @@ def paper(row: str) -> SealedPair:
 
 
 def random_pair(seed: int) -> SealedPair:
-    """A pair from the range of `tests/fuzz.py`."""
+    """A pair from the range of `tests/fuzz`."""
     rng = np.random.default_rng(seed)
 
     def ratio(low: float, high: float) -> float:

@@ -282,7 +282,6 @@ def test_failure_names_the_place_and_the_reason(tmp_path):
 def in_another_process(program: str, directory: Path) -> subprocess.CompletedProcess[str]:
     header = f"""
         import os, signal, sys
-        sys.path.insert(0, {str(TESTS)!r})
         from tests.histories import cycled_pair
         from simulator.results.tables import write_run
         from simulator.results.files import OutputError

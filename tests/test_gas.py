@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from simulator.analysis.trace import rests, sealed_state, trace, trace_all
 from simulator.model.conditions import eigenvalues, softest_mode, stability
-from simulator.model.contents import SealedGas
+from simulator.model.contents import Contents, SealedGas
 from simulator.model.coupling import CONSTRAINED, COUPLED
 from simulator.model.drive import VoltageLine
 from simulator.model.expansion import Adiabat, Isotherm
@@ -36,7 +36,7 @@ def gas(ambient: float = 1.0, **more):
 # -- equations ------------------------------------------------------------------------------------------
 
 THREE = device()
-CONTENTS = {
+CONTENTS: dict[str, Contents] = {
     "chamber": SealedGas(0.9, 2.3, 0.3, 0.7, Isotherm()),
     "adiabatic": SealedGas(0.9, 3.0, 0.3, 0.0, Adiabat(1.4)),
     "adiabatic, chamber": SealedGas(0.9, 2.3, 0.3, 0.7, Adiabat(1.67)),

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import ast
+import os
 import re
 import subprocess
 import sys
+import tarfile
 import tomllib
+import zipfile
 from importlib.metadata import entry_points, metadata, version
 from pathlib import Path
 
 import pytest
+from hatchling.builders.sdist import SdistBuilder
+from hatchling.builders.wheel import WheelBuilder
 
 import simulator
 
@@ -44,6 +50,51 @@ def test_every_requirement_has_a_lower_bound():
         assert re.fullmatch(r"[a-z-]+>=[0-9.]+", requirement)
     # Tests need what every extra brings.
     assert {*extras["sweep"], *extras["dask"]} <= {*extras["dev"]}
+
+
+def test_the_wheel_holds_the_package_and_nothing_of_the_tests(tmp_path):
+    wheel = next(WheelBuilder(str(ROOT)).build(directory=str(tmp_path), versions=["standard"]))
+    names = zipfile.ZipFile(wheel).namelist()
+    modules = {path.relative_to(ROOT).as_posix() for path in (ROOT / "simulator").rglob("*.py")}
+    assert {name for name in names if name.endswith(".py")} == modules
+    assert {name.partition("/")[0] for name in names} == {
+        "simulator",
+        f"dielectric_balloons-{simulator.__version__}.dist-info",
+    }
+    assert "simulator/py.typed" in names
+
+
+def test_the_source_distribution_holds_what_is_needed_to_test_it(tmp_path):
+    archive = next(SdistBuilder(str(ROOT)).build(directory=str(tmp_path), versions=["standard"]))
+    with tarfile.open(archive) as packed:
+        names = {name.partition("/")[2] for name in packed.getnames()}
+    tests = {path.relative_to(ROOT).as_posix() for path in (ROOT / "tests").rglob("*.py")}
+    assert tests <= names
+    assert {"README.md", "CONTRIBUTING.md", "LICENSE", "Makefile", "docs/paper.md"} <= names
+    assert not any(name.startswith("results/") or "__pycache__" in name for name in names)
+
+
+def test_the_package_imports_nothing_of_the_tests():
+    for path in (ROOT / "simulator").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            assert not any(name.partition(".")[0] == "tests" for name in names), path
+
+
+def test_the_help_lists_the_verbs_of_a_users_work():
+    done = subprocess.run(
+        [sys.executable, "-m", "simulator", "--help"],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        env={**os.environ, "COLUMNS": "200", "NO_COLOR": "1", "PYTHONIOENCODING": "utf-8"},
+        check=True,
+    )
+    listed = re.findall(r"^│ (\w+) ", done.stdout, re.MULTILINE)
+    assert sorted(listed) == sorted(
+        ["run", "trace", "fold", "explain", "presets", "sweep", "map", "optimize"]
+    )
 
 
 @pytest.mark.parametrize("name", simulator.__all__)

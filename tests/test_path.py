@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from simulator.analysis.trace import sealed_state, trace
-from simulator.simulation.run import Run, SolverError, simulate
+from simulator.simulation.run import SolverError, simulate
 from simulator.solver import newton, segment
 from simulator.solver.branch import Branch
 from simulator.solver.certify import Proposal, certified
@@ -54,13 +54,16 @@ def test_a_branch_knows_what_it_has_seen():
     assert history.statistics.ida_solves == 1  # the inflation needs none
 
 
+def branch_up_to(v: float) -> Branch:
+    """The first branch of 3c B, followed from no voltage."""
+    _, group, start = sealed_state(pair(1.2, {"ramp": v}, ambient=0.015))
+    branch = Branch.through(group.equations, group.conditions, start)
+    assert branch.reach(v, 1e-3, Effort()) is None
+    return branch
+
+
 def test_work_of_parts_adds_up():
-    scenario = pair(1.2, {"ramp": 0.3}, ambient=0.015)
-    played = Run(scenario)
-    for number, step in enumerate(scenario.played_steps(), start=1):
-        played.play(number, step)
-    (branch,) = next(known for eq, known in played.kinetics.atlas.branches.items() if eq.has_pressure)
-    assert isinstance(branch, Branch)
+    branch = branch_up_to(0.3)
     whole = branch.work_between(0.0, 0.3)
     for middle in (0.1234, 0.2999, float(branch.states[-1, 5])):
         parts = branch.work_between(0.0, middle) + branch.work_between(middle, 0.3)
@@ -74,11 +77,7 @@ def test_work_of_parts_adds_up():
 
 def test_a_segment_that_is_no_path_is_refused():
     """Points thrown about are not polished into something plausible."""
-    scenario = pair(1.2, {"ramp": 0.3}, ambient=0.015)
-    played = Run(scenario)
-    for number, step in enumerate(scenario.played_steps(), start=1):
-        played.play(number, step)
-    (branch,) = next(known for eq, known in played.kinetics.atlas.branches.items() if eq.has_pressure)
+    branch = branch_up_to(0.3)
     points, directions = branch.states.copy(), branch.tangents.copy()
     points[:, 5] = points[:, 9]  # back and forth
     with pytest.raises(newton.NotConverged):

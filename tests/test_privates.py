@@ -12,14 +12,6 @@ import pytest
 ROOT = Path(__file__).parent
 FILES = sorted(str(path.relative_to(ROOT)) for path in ROOT.rglob("*.py"))
 PRIVATE = re.compile(r"([\w.]+\.)?_[A-Za-z]\w*")
-# To be mended with the solver.
-PENDING = {
-    "benchmarks/test_speed.py",
-    "studies/stress/cost.py",
-    "studies/stress/sabotage.py",
-    "test_path.py",
-    "test_stress.py",
-}
 OF_NAMEDTUPLES = {"_asdict", "_fields", "_make", "_replace"}
 
 
@@ -51,7 +43,7 @@ def told(words: list[ast.expr]) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("name", sorted(set(FILES) - PENDING))
+@pytest.mark.parametrize("name", FILES)
 def test_no_private_name_is_used(name: str) -> None:
     assert list(privates(ast.parse((ROOT / name).read_text("utf-8")))) == []
 

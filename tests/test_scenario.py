@@ -76,7 +76,10 @@ TOP = "title, source, scales, gas, balloon, step, dynamics, output, solver"
 IN_GAS = "ambient_pressure, chamber, law, exponent"
 VALUE = "a number > 0, or a table of one or more numbers > 0 by balloon name"
 ENDS = "a table with one or more of event, stretch, pressure, field"
-MODELS = '"gent", "neo-hookean", "mooney-rivlin", "ogden", "arruda-boyce", "yeoh", "gent-gent", "fung" or "tabulated"'
+MODELS = (
+    '"gent", "neo-hookean", "mooney-rivlin", "ogden", "arruda-boyce", '
+    '"yeoh", "gent-gent", "fung" or "tabulated"'
+)
 MATERIALS = '"VHB-4910", "Sylgard-186" or "natural-rubber"'
 AN_ELASTOMER = 'must be a table such as { model = "gent", J_lim = 100 } or { preset = "VHB-4910" }'
 EXPONENTS = "a list of one or more numbers other than 0"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from tests.oracle.shape.torsion import stiffness
 RUBBER = (6.3, 0.012, -0.1), (1.3, 5.0, -2.0)
 
 # Film as an energy and as formulas, stretch, voltage.
-STATES = {
+STATES: dict[str, tuple[Any, Any, float, float]] = {
     "O of Fig. 4": (energies.gent(100.0), formulas.Gent(100.0), 2.05451214, 0.36044087),
     "lost, 3c B": (energies.gent(100.0), formulas.Gent(100.0), 1.5763852261248, 0.31406083493709),
     "O′ of Fig. 4": (energies.gent(100.0), formulas.Gent(100.0), 6.51514013, 0.36044087),

@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -115,7 +116,7 @@ def test_an_error_that_is_no_number_is_none() -> None:
 # -- never silently wrong ------------------------------------------------------------------------------
 
 
-def disturbed(name: str, scenarios: list[dict]) -> Tally:
+def disturbed(name: str, scenarios: list[dict[str, Any]]) -> Tally:
     (tally,) = tallies(scenarios, [DISTURBANCES[name]])
     return tally
 
@@ -195,8 +196,8 @@ def test_difference() -> None:
     assert difference(one, snapped) == float("inf")
 
 
-def test_disturbances_leave_nothing_behind() -> None:
-    def seen() -> tuple[object, ...]:
+def test_disturbances_leave_nothing_behind():
+    def seen():
         return proposals.by_ida, proposals.ATTEMPTS, certify.newton, flow.integrate, landing.newton
 
     before = seen()
@@ -241,7 +242,7 @@ def test_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     some = {"Some": [CASES["P₀ = 0"], CASES["P₀ at the snap, radius 1"]]}
     monkeypatch.setattr("tests.studies.stress.page.groups", lambda *_: some)
     monkeypatch.setattr("tests.studies.stress.page.random_pairs", lambda _: [])
-    monkeypatch.setattr("tests.studies.stress.page._shipped", lambda _: [load_scenario(SHIPPED[0])])
+    monkeypatch.setattr("tests.studies.stress.page.shipped_scenarios", lambda _: [load_scenario(SHIPPED[0])])
     monkeypatch.setattr("tests.studies.stress.page.disturbances", lambda: disturbances()[:2])
     page = stability_page(tmp_path, tmp_path / "fuzz.json")
     assert "2 cases: 2 hold" in page

@@ -8,25 +8,25 @@ define a curve again, and it is followed like any other: IDA along its arclength
 Derivatives in all unknowns, q included, are by complex step, exact for any number of the scenario.
 
 The curve ends at `to`, or earlier: at a cusp, where two limit points meet and annihilate; where the limit
-point meets the loss of tension (p = 0) or zero voltage; or where the inflated state itself ends.
+point meets the loss of tension (p = 0) or zero voltage; or where the inflated state itself ends, or the
+inflation leads to another one, as a peak has come to lie above or below its pressure.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
+from simulator.analysis.limit_points import SOFT, Alone, LimitPoint, Sealed
 from simulator.analysis.start import sealed_state
 from simulator.analysis.trace import trace, trace_inflation
 from simulator.analysis.varied import Varied, check_value
 from simulator.model.drive import VoltageLine
 from simulator.model.elastomers import Number, largest_stretch
-from simulator.model.equations import OpenBalloon
 from simulator.model.membranes import Membrane
 from simulator.results.curve import Curve, FoldCurve, SpecialPoint
 from simulator.scenario import Problem, ScenarioError, dimension_of, dimensionless, load_scenario
@@ -42,6 +42,7 @@ FloatArray = NDArray[np.float64]
 
 _STEP = 1e-30
 _RTOL = 1e-5
+_HALVINGS = 36
 _NO_VOLTAGE = 1e-4  # a voltage this small where the parameter turns round is zero
 
 
@@ -69,7 +70,8 @@ def fold(
     -------
     FoldCurve
         Of the balloons of the path; where the valve is open, or of an inflation, of the one balloon that has
-        the limit point.
+        the limit point. A change that makes equal balloons unequal can take the limit point to a path that
+        is detached from the sealed state.
 
     Raises
     ------
@@ -101,6 +103,7 @@ def fold(
     effort = Effort()
     try:
         states, end = _followed(problem, start, to, effort)
+        states, end = _as_inflated(problem, states, end)
     except NotConverged as failure:
         raise PathError(f"{vary} from {varied.value:g} to {to:g}: {failure}") from failure
     found = [problem.reading(states[:, i]) for i in range(states.shape[1])]
@@ -126,11 +129,11 @@ def fold(
 
 def _problem(
     scenario: Scenario, varied: Varied, curve: Curve, turn: SpecialPoint, inflation: str | None
-) -> tuple[_Problem, FloatArray]:
+) -> tuple[LimitPoint, FloatArray]:
     """The equations of a limit point, and the limit point of the scenario itself."""
     names = varied.device.names
     if inflation is not None:
-        alone = _Alone(varied, names.index(inflation), inflates=True)
+        alone = Alone(varied, names.index(inflation), inflates=True)
         return alone, np.array([*turn.stretch, turn.pressure, varied.value])
     device, group, start = sealed_state(scenario)
     if group.equations.is_open:
@@ -142,102 +145,12 @@ def _problem(
                 device.membrane(i, line).stiffness(turn.stretch[i], turn.pressure, turn.voltage[0])[0]
             ),
         )
-        alone = _Alone(varied, place, inflates=False)
+        alone = Alone(varied, place, inflates=False)
         return alone, np.array([turn.stretch[place], turn.voltage[0], varied.value])
     state = [*start[: len(names)], *turn.stretch, turn.pressure, turn.voltage[0], varied.value]
-    return _Sealed(varied), np.array(state)
+    return Sealed(varied), np.array(state)
 
 
-@dataclass(frozen=True)
-class _Alone:
-    """Limit points of one balloon with the valve open: unknowns (λ, v, q), equations R = 0, ∂R/∂λ = 0.
-
-    v is the pressure where it `inflates`, else the voltage.
-    """
-
-    varied: Varied
-    place: int
-    inflates: bool
-
-    @property
-    def balloons(self) -> tuple[str, ...]:
-        return (self.varied.device.names[self.place],)
-
-    @property
-    def scales(self) -> FloatArray:
-        return np.array([*self._equations(self.varied.value).scales, abs(self.varied.value) or 1.0])
-
-    def _equations(self, q: Number) -> OpenBalloon:
-        device, pressure = self.varied.at(q)
-        many = len(device.electroded)
-        if self.inflates:
-            return device.inflated(self.place, [0.0] * many)
-        return device.actuated(self.place, pressure, VoltageLine.common(many))
-
-    def residual(self, z: Sequence[Number]) -> list[Number]:
-        """The equations' residuals."""
-        equations = self._equations(z[-1])
-        return [*equations.residual(z[:-1]), equations.stiffness(z[:-1])[0][0]]
-
-    def margins(self, z: Sequence[float]) -> list[tuple[str, int | None, float]]:
-        """What may end the curve: its kind, the unknown that is then 0, and how far it is from that."""
-        return [] if self.inflates else [("zero_voltage", -2, z[-2])]
-
-    def reading(self, z: FloatArray) -> tuple[FloatArray, float, float]:
-        """Stretches, pressure and voltage."""
-        if self.inflates:
-            return z[:1], float(z[1]), 0.0
-        return z[:1], float(self.varied.at(float(z[-1]))[1]), float(z[1])
-
-
-@dataclass(frozen=True)
-class _Sealed:
-    """Limit points of the sealed device: unknowns (λ inflated…, λ…, p, v, q)."""
-
-    varied: Varied
-
-    @property
-    def balloons(self) -> tuple[str, ...]:
-        return self.varied.device.names
-
-    @property
-    def scales(self) -> FloatArray:
-        walls = self.varied.device.walls
-        softest = min(1.0 / float(wall.pressure_load) for wall in walls)
-        return np.array([1.0] * (2 * len(walls)) + [softest, 1.0, abs(self.varied.value) or 1.0])
-
-    def residual(self, z: Sequence[Number]) -> list[Number]:
-        """The equations' residuals."""
-        device, inflation = self.varied.at(z[-1])
-        count = len(device.names)
-        inflated, y = z[:count], z[count:-1]
-        swelling = device.swelling(np.array([inflated]))[0]
-        gas = device.law.sealed(inflation, swelling.item())
-        sealed = device.sealed(gas, VoltageLine.common(len(device.electroded)))
-        out = [wall.force(x, inflation, 0.0) for wall, x in zip(device.walls, inflated, strict=True)]
-        return [*out, *sealed.residual(y), sealed.spectrum.determinant(*sealed.stiffness(y))]
-
-    def margins(self, z: Sequence[float]) -> list[tuple[str, int | None, float]]:
-        """Pressure, voltage, and the softest inflated balloon's stiffness; see `_Alone.margins`."""
-        softest = min(self.softnesses(z))
-        return [
-            ("loss_of_tension", -3, z[-3]),
-            ("zero_voltage", -2, z[-2]),
-            ("inflation_limit", None, softest),
-        ]
-
-    def softnesses(self, z: Sequence[float]) -> list[float]:
-        """The stiffness of each inflated balloon by itself."""
-        device, inflation = self.varied.at(z[-1])
-        return [float(wall.stiffness(x, inflation, 0.0)[0]) for wall, x in zip(device.walls, z, strict=False)]
-
-    def reading(self, z: FloatArray) -> tuple[FloatArray, float, float]:
-        """Stretches, pressure and voltage."""
-        count = len(self.balloons)
-        return z[count : 2 * count], float(z[-3]), float(z[-2])
-
-
-_Problem = _Alone | _Sealed
 _Function = Callable[[Sequence[Number]], list[Number]]
 
 
@@ -272,7 +185,7 @@ def _solved(function: _Function, guess: FloatArray, scales: FloatArray) -> Float
     raise NotConverged("limit point at a changed parameter")
 
 
-def _corrected(problem: _Problem, guess: FloatArray, normal: FloatArray) -> FloatArray:
+def _corrected(problem: LimitPoint, guess: FloatArray, normal: FloatArray) -> FloatArray:
     """The point of the curve on the plane through a guess. Raises NotConverged."""
 
     def function(z: Sequence[Number]) -> list[Number]:
@@ -282,14 +195,14 @@ def _corrected(problem: _Problem, guess: FloatArray, normal: FloatArray) -> Floa
     return _solved(function, guess, problem.scales)
 
 
-def _tangent(problem: _Problem, z: FloatArray, towards: FloatArray) -> FloatArray:
+def _tangent(problem: LimitPoint, z: FloatArray, towards: FloatArray) -> FloatArray:
     """Unit tangent of the curve in scaled unknowns."""
     scales = problem.scales
     null = np.linalg.svd(np.array(_jacobian(problem.residual, z.tolist())) * scales)[2][-1]
     return np.asarray(scales * null * (1.0 if null @ (towards / scales) > 0.0 else -1.0))
 
 
-def _followed(problem: _Problem, start: FloatArray, to: float, effort: Effort) -> tuple[FloatArray, str]:
+def _followed(problem: LimitPoint, start: FloatArray, to: float, effort: Effort) -> tuple[FloatArray, str]:
     """Polished points of the curve, columns, and why it ends."""
     sense = 1.0 if to > start[-1] else -1.0
     ahead = np.zeros(start.size)
@@ -326,7 +239,7 @@ def _followed(problem: _Problem, start: FloatArray, to: float, effort: Effort) -
 
 
 def _end(
-    problem: _Problem, found: FloatArray, towards: FloatArray, to: float, ended: int
+    problem: LimitPoint, found: FloatArray, towards: FloatArray, to: float, ended: int
 ) -> tuple[FloatArray, str]:
     """The last point, polished, and what it is."""
     kinds: list[tuple[str, int | None, float]] = [("reached", -1, 0.0), ("cusp", None, 0.0)]
@@ -341,7 +254,7 @@ def _end(
         guess[place] = to if kind == "reached" else 0.0
         normal[place] = 1.0
         return _corrected(problem, guess, normal), kind
-    if isinstance(problem, _Sealed) and min(problem.softnesses(found.tolist())) < 1e-2:
+    if isinstance(problem, Sealed) and min(problem.softnesses(found.tolist())) < SOFT:
         return _inflation_limit(problem, found), "inflation_limit"
     # The parameter turns round: where dq/ds = 0, by bisection in s.
     scales = problem.scales
@@ -359,7 +272,28 @@ def _end(
     return point(optimize.brentq(turning, -width, width, xtol=1e-14)), "cusp"
 
 
-def _inflation_limit(problem: _Sealed, found: FloatArray) -> FloatArray:
+def _as_inflated(problem: LimitPoint, states: FloatArray, end: str) -> tuple[FloatArray, str]:
+    """The curve as far as the scenario, played with the other number, is inflated to the state on it."""
+    if isinstance(problem, Alone) or problem.leads_to(states[:, -1], end):
+        return states, end
+    good, bad = 0, states.shape[1] - 1
+    while bad - good > 1:
+        middle = (good + bad) // 2
+        good, bad = (middle, bad) if problem.leads_to(states[:, middle], end) else (good, middle)
+    last, beyond = states[:, good], states[:, bad]
+    chord = beyond - last
+    low, high = 0.0, 1.0
+    for _ in range(_HALVINGS):
+        share = 0.5 * (low + high)
+        state = _corrected(problem, states[:, good] + share * chord, chord / problem.scales**2)
+        if problem.leads_to(state, end):
+            low, last = share, state
+        else:
+            high = share
+    return np.column_stack([states[:, :good], last]), "inflation_limit"
+
+
+def _inflation_limit(problem: Sealed, found: FloatArray) -> FloatArray:
     """Where the inflated state of the softest balloon ends in a limit point of its own.
 
     Equal balloons end together and the whole set of equations is singular there, so first that balloon's

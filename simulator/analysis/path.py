@@ -68,6 +68,19 @@ class Path:
     found: list[Found] = field(default_factory=list)
     effort: Effort = field(default_factory=Effort)
 
+    def of_all(self, equations: AnyEquations, places: Sequence[int]) -> Path:
+        """The path in more unknowns, each of which is one of these: that at a place."""
+        rows = list(places)
+        pieces = []
+        for piece in self.pieces:
+            states = piece.states[rows]
+            # Not at its ends, where it may be singular.
+            inner = piece.dense[rows, 0, piece.dense.shape[2] // 2] if piece.dense.size else states[:, 0]
+            unstable = int(np.count_nonzero(eigenvalues(equations, inner) < 0.0))
+            pieces.append(Piece(states, piece.dense[rows], piece.speeds[rows], unstable))
+        found = [Found(one.kind, one.pieces, one.state[rows]) for one in self.found]
+        return Path(pieces, found, self.effort)
+
     def points(self, scales: FloatArray) -> PathPoints:
         """All states of the pieces, at their nodes and at the Gauss points between."""
         columns, arcs = [self.pieces[0].states[:, :1]], [np.zeros(1)]

@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from simulator.analysis.path import Path, stretch_stop, whole_path
 from simulator.analysis.start import rests, sealed_state
 from simulator.model import groups
+from simulator.model.conditions import conditions
 from simulator.model.device import Device
 from simulator.model.drive import VoltageLine
+from simulator.model.equations import SealedBalloons
 from simulator.model.groups import Group
 from simulator.results.curve import Curve, SpecialPoint
 from simulator.scenario import Problem, ScenarioError, dimensionless, load_scenario
@@ -153,12 +155,33 @@ def _traced(
     to_stretch: float | None,
 ) -> Curve:
     """The path from a state at which v begins to rise, as a result."""
-    place = device.electroded[0] if device.electroded else 0
+    alone, state, places = _apart(group, start)
+    place = places[device.electroded[0]] if device.electroded else 0
     stop = None
     if to_stretch is not None:
-        stop = stretch_stop("reached", place, to_stretch, 1.0 if to_stretch > start[place] else -1.0)
-    path = whole_path(group, start, to_drive=to_drive, stop=stop)
-    return _curve(scenario, device, group, path)
+        stop = stretch_stop("reached", place, to_stretch, 1.0 if to_stretch > state[place] else -1.0)
+    path = whole_path(alone, state, to_drive=to_drive, stop=stop)
+    return _curve(scenario, device, group, path if alone is group else path.of_all(group.equations, places))
+
+
+def _apart(group: Group, start: FloatArray) -> tuple[Group, FloatArray, list[int]]:
+    """The balloons that move by themselves, their state, and which unknown is which unknown of all.
+
+    With the valve open equal balloons in one state go one way, and turn at one voltage: a path of all of them
+    would be singular there in more than one direction. One of them stands for the others.
+    """
+    equations = group.equations
+    if not (isinstance(equations, SealedBalloons) and equations.is_open):
+        return group, start, list(range(start.size))
+    kinds = [(m, round(float(x), 9)) for m, x in zip(equations.membranes, start, strict=False)]
+    distinct = list(dict.fromkeys(kinds))
+    chosen = [kinds.index(kind) for kind in distinct]
+    alone = SealedBalloons(tuple(membrane for membrane, _ in distinct), equations.gas)
+    return (
+        Group(alone, conditions(alone, [None] * len(chosen)), tuple(group.members[i] for i in chosen)),
+        np.array([*start[chosen], *start[-2:]]),
+        [*(distinct.index(kind) for kind in kinds), -2, -1],
+    )
 
 
 def _curve(scenario: Scenario, device: Device, group: Group, path: Path) -> Curve:

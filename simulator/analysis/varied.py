@@ -12,11 +12,12 @@ import numpy as np
 
 from simulator.model.device import Device
 from simulator.model.elastomers import Gent, Number
+from simulator.scenario import Gent as GentTable
 from simulator.scenario import Inflate, Problem, ScenarioError, load_scenario
 from simulator.scenario.mapping import with_values
 
 if TYPE_CHECKING:
-    from simulator.scenario import Scenario
+    from simulator.scenario import PlayedStep, Scenario
 
 _BALLOON = re.compile(r"balloon\.([^.]+)\.(radius|thickness|modulus|permittivity|elastomer\.J_lim)")
 
@@ -37,12 +38,15 @@ class Varied:
         What q is in the scenario.
     at : callable
         The device and the pressure it is inflated to, with q, which may be complex, in its place.
+    inflations : callable
+        The scenario with q in its place, up to the end of its inflations.
     """
 
     device: Device
     inflation: float
     value: float
     at: Callable[[Number], tuple[Device, Number]]
+    inflations: Callable[[float], Scenario]
 
     @classmethod
     def of(cls, scenario: Scenario, vary: str) -> Varied:
@@ -68,7 +72,8 @@ class Varied:
         inflation = float(last.inflate) if isinstance(last, Inflate) else 0.0
         value, change = _change(scenario, device, inflation, count, vary)
         # Derivatives in the other unknowns ask for the same q again and again.
-        return cls(device, inflation, value, lru_cache(maxsize=4)(partial(change, device, inflation)))
+        at = lru_cache(maxsize=4)(partial(change, device, inflation))
+        return cls(device, inflation, value, at, partial(_inflations, scenario, steps[:count], vary))
 
 
 def check_value(scenario: Scenario, vary: str, value: float, present: float) -> None:
@@ -120,6 +125,23 @@ def _change(
     if len(sizes) > 1:
         raise ScenarioError(scenario.file, Problem(vary, None, "must be one value that all these share"))
     return sizes.pop(), _resized(found[2], chosen)
+
+
+def _inflations(scenario: Scenario, steps: Sequence[PlayedStep], vary: str, q: float) -> Scenario:
+    """A scenario with another number, up to the end of its inflations."""
+    last = vary.rpartition(".")[2]
+    found = _BALLOON.fullmatch(vary)
+    changed: dict[str, Any] = {"steps": tuple(steps), "dynamics": None}
+    if found:
+        value = {"elastomer": GentTable(model="gent", J_lim=q)} if last == "J_lim" else {last: q}
+        changed["balloons"] = tuple(
+            b.model_copy(update=value) if found[1] in (b.name, "*") else b for b in scenario.balloons
+        )
+    elif vary.startswith("gas."):
+        changed["gas"] = scenario.gas.model_copy(update={last: q})
+    else:
+        changed["steps"] = (*steps[:-1], steps[-1].model_copy(update={last: q}))
+    return scenario.model_copy(update=changed)
 
 
 def _law_changed(key: str) -> _Change:

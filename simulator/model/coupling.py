@@ -168,9 +168,13 @@ def _one_of_two(diagonal: Sequence[Number], squares: Sequence[Number], place: in
         other = mean + root if mean > 0.0 else mean - root
         return (d * e + d * t + e * s) / other
     root = np.sqrt(np.maximum(half * half + s * t, 0.0))
-    larger = np.where(mean > 0.0, mean + root, mean - root)
-    by_determinant = np.divide(d * e + d * t + e * s, larger, out=np.zeros_like(larger), where=larger != 0.0)
-    return np.where((mean > 0.0) == bool(place), larger, by_determinant)
+    positive = mean > 0.0
+    if positive.all():
+        return mean + root if place else (d * e + d * t + e * s) / (mean + root)
+    larger = np.where(positive, mean + root, mean - root)
+    product = d * e + d * t + e * s
+    smaller = np.divide(product, larger, out=np.zeros_like(larger), where=larger != 0.0)
+    return np.where(positive == bool(place), larger, smaller)
 
 
 def _roots(diagonal: Sequence[Number], squares: Sequence[Number], place: int, constant: float) -> Number:

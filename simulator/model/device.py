@@ -230,10 +230,18 @@ class Device:
         self, drive: FloatArray, quantity: Quantity
     ) -> Iterator[tuple[AnyMembrane, FloatArray | float]]:
         """Every balloon's membrane, and what drives it in n states: voltages or charges (n, n_electroded)."""
-        line = VoltageLine.common(len(self.electroded), quantity)
-        for i in range(len(self.names)):
-            driven = i in self.electroded
-            yield self.membrane(i, line), drive[:, self.electroded.index(i)] if driven else 0.0
+        for i, membrane in enumerate(self._by_voltage if quantity == "voltage" else self._by_charge):
+            yield membrane, drive[:, self.electroded.index(i)] if i in self.electroded else 0.0
+
+    @cached_property
+    def _by_voltage(self) -> tuple[AnyMembrane, ...]:
+        line = VoltageLine.common(len(self.electroded))
+        return tuple(self.membrane(i, line) for i in range(len(self.names)))
+
+    @cached_property
+    def _by_charge(self) -> tuple[AnyMembrane, ...]:
+        line = VoltageLine.common(len(self.electroded), "charge")
+        return tuple(self.membrane(i, line) for i in range(len(self.names)))
 
     def _energies(self, stretch: FloatArray, drive: FloatArray, quantity: Quantity) -> FloatArray:
         """Energies of the walls and films, (n,)."""

@@ -33,7 +33,7 @@ class SpecialPoint:
         "limit_point" (v turns round), "branch_point" (another path crosses), "loss_of_tension" (p = 0),
         "stretch_limit" (a stretch within 1e-6 of its limit), "out_of_range" (at the end of a measured curve),
         "unbounded" (a stretch of 1000 of an elastomer without a limit), "zero_voltage", "reached" (what was
-        asked for), "closed" (the path is back where it began).
+        asked for), "closed" (the path is back at one of its branch points).
     arclength, voltage, stretch, pressure
         Where; voltage (n_electroded,), stretch (n_balloons,).
     """
@@ -138,7 +138,7 @@ class FoldCurve:
     pressure : (n,) array
     end : str
         Why it ends: "reached", "cusp" (two limit points meet), "loss_of_tension" (p = 0), "zero_voltage",
-        "inflation_limit" (the inflated state itself ends).
+        "inflation_limit" (the inflated state itself ends, or the inflation leads to another one).
     ida_steps : int
     dimension : Dimension or None
         What the parameter measures.

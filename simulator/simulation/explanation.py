@@ -245,7 +245,9 @@ def _left_out(scenario: Scenario, steps: Sequence[PlayedStep], seen: set[str]) -
     if len(scenario.balloons) == 1:
         yield "coupling: there is one balloon"
     if "loss_of_tension" not in seen and closed:
-        yield "loss of tension: nothing moves with the valve closed"
+        vacuum = scenario.gas.law != "liquid" and scenario.gas.ambient_pressure == 0.0
+        why = "a gas in a vacuum always has pressure" if vacuum else "nothing moves with the valve closed"
+        yield f"loss of tension: {why}"
     if "breakdown" not in seen:
         named = any(b.breakdown for b in scenario.balloons)
         yield "breakdown: " + (

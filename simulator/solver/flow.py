@@ -26,7 +26,6 @@ from simulator.solver.landing import (
     broken_at_rest,
     fold_beside,
     holds,
-    landing_beside,
     landing_from,
     variation,
 )
@@ -240,11 +239,9 @@ def _flow(
                 return Rest(state, "runaway", path), closest
         nearest = near <= _NEAREST[rtol]
         landing = landing_from(equations, conditions, state, state, surely=not nearest)
-        fold = fold_beside(equations, state) if landing is None else None
-        if landing is None and fold is not None:
-            landing = landing_beside(equations, conditions, state, fold, surely=not nearest)
         if landing is not None:
             return Rest(landing, None, path), closest
+        fold = fold_beside(equations, state)
         if fold is not None and not passed and np.max(np.abs(fold - state) / equations.scales) < _GHOST:
             onward = _past(equations, conditions, fold, float(state[-1]))
             if onward is not None:

@@ -49,30 +49,6 @@ def landing_from(
     return landing if _keeps(equations, conditions, state, landing, surely=surely) else None
 
 
-def landing_beside(
-    equations: Equations,
-    conditions: Sequence[Condition],
-    state: FloatArray,
-    fold: FloatArray,
-    *,
-    surely: bool,
-) -> FloatArray | None:
-    """The rest of a state creeping up to a limit point, where v is its voltage or a little short of it."""
-    v = float(state[-1])
-    if abs(fold[-1] - v) <= 16.0 * np.finfo(float).eps * max(abs(v), float(equations.scales[-1])):
-        fold = fold.copy()
-        fold[-1] = v
-        return fold if _keeps(equations, conditions, state, fold, surely=surely) else None
-    # Beside a fold the distance to it goes as the root of the distance in v: tried closer and closer.
-    for share in 10.0 ** np.arange(0.0, -8.0, -0.5):
-        guess = fold + share * (state - fold)
-        guess[-1] = v
-        landing = landing_from(equations, conditions, guess, state, surely=surely)
-        if landing is not None:
-            return landing
-    return None
-
-
 def fold_beside(equations: Equations, state: FloatArray) -> FloatArray | None:
     """The limit point that a state is beside, if it is."""
     try:

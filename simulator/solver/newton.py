@@ -1,13 +1,15 @@
 """Newton's method on the equilibrium equations: many states at once, one state, or one event.
 
 States are columns: an array of n states has shape (n_unknowns, n). Every function returns states that
-solve the equations to rounding, or says that it could not. There is one iteration, `solved`, with one rule
-for when it stops; what differs is only how a step is found.
+solve the equations to rounding, or says that it could not. There is one rule for when the iteration stops,
+`settled` and `rounds_to_zero`, for many states as for one; what differs is only how a step is found.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,8 +94,7 @@ def solved(
             if lost.all():
                 break
             states[:, lost], size[lost] = guesses[:, lost], 0.0
-        # Newton's method squares the error: the next step would be about size³/before².
-        done |= (size**3 <= 1e-15 * before**2) & (size <= accuracy) | (size <= _ROUNDED)
+        done |= settled(size, before, accuracy)
         if not done.all():
             # Beside a fold or a stretch limit rounding keeps the steps larger than that.
             stalled = size >= _STALLED * before
@@ -105,6 +106,51 @@ def solved(
             return states
         before = size
     raise NotConverged(what, states, lost | ~done)
+
+
+def solved_one(
+    step: Callable[[list[float]], tuple[Iterable[float], Callable[[], bool]]],
+    guess: FloatArray,
+    scales: FloatArray,
+    what: str,
+    *,
+    iterations: int = _ITERATIONS,
+) -> FloatArray:
+    """As `solved` for one state (n_unknowns,), without arrays of one.
+
+    `step` gives the changes to be subtracted, of as many unknowns as change, and whether the residual is no
+    more than rounding makes it.
+    """
+    state: list[float] = guess.tolist()
+    least: list[float] = scales.tolist()
+    before = math.nan  # unknown: no first step is believed
+    for _ in range(iterations):
+        try:
+            changes, is_noise = step(state)
+        except np.linalg.LinAlgError:
+            break
+        state, size = state.copy(), 0.0
+        for i, change in enumerate(changes):
+            state[i] -= change
+            part = abs(change) / max(abs(state[i]), least[i])
+            if not part < _DIVERGED:  # also where it is not a number
+                raise NotConverged(what)
+            size = max(size, part)
+        # Beside a fold or a stretch limit rounding keeps the steps larger than what settles it.
+        if settled(size, before, np.inf) or (size >= _STALLED * before and is_noise()):
+            return np.array(state)
+        before = size
+    raise NotConverged(what)
+
+
+@overload
+def settled(size: float, before: float, accuracy: float) -> bool: ...
+@overload
+def settled(size: FloatArray, before: FloatArray, accuracy: float) -> Flags: ...
+def settled(size: Any, before: Any, accuracy: float) -> Any:
+    """Whether a step, relatively of some size after one of another, was the last that is needed."""
+    # Newton's method squares the error: the next step would be about size³/before².
+    return (size**3 <= 1e-15 * before**2) & (size <= accuracy) | (size <= _ROUNDED)
 
 
 def linearised(equations: Equations, states: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -198,7 +244,14 @@ def at_drive(equations: Equations, guesses: FloatArray) -> FloatArray:
 
 def one_at_drive(equations: Equations, guess: FloatArray) -> FloatArray:
     """The state at the guess's own v, both (n_unknowns,). Raises NotConverged."""
-    return at_drive(equations, guess[:, None])[:, 0]
+
+    def step(state: list[float]) -> tuple[list[float], Callable[[], bool]]:
+        residual, rows = equations.linearised(state)
+        matrix = np.array(rows, dtype=np.float64)
+        changes = np.linalg.solve(matrix[:, :-1], np.array(residual, dtype=np.float64)).tolist()
+        return changes, lambda: _rounds_to_zero(equations, state, residual, matrix)
+
+    return solved_one(step, guess, equations.scales, "state at a given drive")
 
 
 def at_event(equations: Equations, condition: Condition, guess: FloatArray) -> FloatArray:
@@ -212,33 +265,38 @@ def at_event(equations: Equations, condition: Condition, guess: FloatArray) -> F
     NotConverged
         If the residual or the margin does not vanish.
     """
+    what = f"state at a {condition.kind}"
 
-    def steps(states: FloatArray) -> tuple[FloatArray, Callable[[], Flags]]:
-        state = states[:, 0]
-        values = state.tolist()
-        residual, rows = equations.linearised(values)
-        defect = np.array([*residual, condition.margin(values)])
+    def step(state: list[float]) -> tuple[list[float], Callable[[], bool]]:
+        residual, rows = equations.linearised(state)
+        defect = np.array([*residual, condition.margin(state)])
         if not np.all(np.isfinite(defect)):
             raise NotConverged(what)
-        derivatives = np.array([*rows, condition.slope(state)], dtype=np.float64)
+        values = np.array(state)
+        derivatives = np.array([*rows, condition.slope(values)], dtype=np.float64)
         # In sizes of the state itself: near a stretch limit the pressure or voltage is far above its scale.
-        scales = np.maximum(equations.scales, np.abs(state))
+        scales = np.maximum(equations.scales, np.abs(values))
         matrix = derivatives * scales
         # Rows of one size, so that only a true singularity is cut off, not a small row.
         sizes = np.sqrt(np.einsum("ij,ij->i", matrix, matrix))
         if not sizes.all() or not np.all(np.isfinite(sizes)):
             raise NotConverged(what)  # a margin that nothing changes
-        step = np.linalg.lstsq(matrix / sizes[:, None], defect / sizes, rcond=_SINGULAR)[0]
-        return (scales * step)[:, None], lambda: rounds_to_zero(
-            equations, states, defect[None], derivatives[None]
-        )
+        found = np.linalg.lstsq(matrix / sizes[:, None], defect / sizes, rcond=_SINGULAR)[0]
+        return (scales * found).tolist(), lambda: _rounds_to_zero(equations, state, defect, derivatives)
 
-    what = f"state at a {condition.kind}"
     start = evened(equations, guess)
-    state = solved(steps, start[:, None], equations.scales, what, iterations=2 * _ITERATIONS)[:, 0]
+    state = solved_one(step, start, equations.scales, what, iterations=2 * _ITERATIONS)
     even = _symmetric(equations, state)
     # Told apart by rounding only, equal balloons split a multiple eigenvalue: again, from the middle.
     return even if np.abs(even - state).max() <= 1e-12 else at_event(equations, condition, even)
+
+
+def _rounds_to_zero(
+    equations: Equations, state: list[float], residual: Sequence[float] | FloatArray, rows: FloatArray
+) -> bool:
+    """As `rounds_to_zero`, for one state."""
+    found = rounds_to_zero(equations, np.array(state)[:, None], np.array(residual)[None], rows[None])
+    return bool(found[0])
 
 
 def _symmetric(equations: Equations, state: FloatArray) -> FloatArray:

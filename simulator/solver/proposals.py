@@ -78,9 +78,18 @@ def to_event(
     ahead, place, event = min(found, key=lambda item: item[:2])
     way = _along_drive(start, sense)
     if ahead <= rounding(equations, values[-1]):
-        return Proposal(event[:, None], singular.tangent_at_end(equations, event, way[:, 0])[:, None], place)
-    tangent = newton.tangents(equations, start[:, None], way)
-    return Proposal(np.stack([start, event], axis=1), np.repeat(tangent, 2, axis=1), place)
+        with np.errstate(invalid="ignore"):
+            tangent = singular.tangent_at_end(equations, event, way[:, 0])
+        if not np.all(np.isfinite(tangent)):  # v does not change at a limit point: the margin falls ahead
+            falling = -conditions[place].slope(event) * equations.scales**2
+            tangent = singular.tangent_at_end(equations, event, falling)
+        return Proposal(event[:, None], tangent[:, None], place)
+    # Voltage free, v may not yet change anything at the start; at a limit point it does not change itself.
+    directions = np.concatenate(
+        [newton.tangents(equations, start[:, None], way), newton.unit(equations, (event - start)[:, None])],
+        axis=1,
+    )
+    return Proposal(np.stack([start, event], axis=1), directions, place)
 
 
 def chord(

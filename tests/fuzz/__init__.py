@@ -24,9 +24,9 @@ file; what is under its "scenario" goes into `load_scenario`. What "agree" means
 A scenario can be undecidable: a ramp turns round at the very voltage of an event, or a snap only just keeps
 its tension. `Margin` in `tests.oracle.closed_form` says how near each such decision was; below `UNDECIDED`
 (1e-11 of the film's voltage, as margins of events are solved to 1e-12; the error of a flow) the two may go
-different ways and both be right. Where it is a turn, the simulator must agree in everything with the reference of a
-turn just before the event, or at it, or just beyond it. Where it is a flow, it is compared up to there. Such
-scenarios are counted as undecided.
+different ways and both be right. Where it is a turn, the simulator must agree in everything with the
+reference of a turn just before the event, or at it, or just beyond it. Where it is a flow, it is compared up
+to there. Such scenarios are counted as undecided.
 
 Pressures are 0 or at least `LEAST_PRESSURE`. At a lower one the stretch is 1 + p/12 and has few digits left:
 what happens then is a matter of rounding (an inflation to 1e-16 cannot be told from none).

@@ -21,7 +21,7 @@ explicit in such a point, and its slope along the curve is, up to a positive fac
 Hessian H of Π: limit points are its roots. Once all of them are known, φ² is monotone between each two, so
 every equilibrium at a given voltage is bracketed.
 
-Accuracy, measured against 40-digit arithmetic over the range of `tests/fuzz.py` (`tests/test_exact.py`):
+Accuracy, measured against 40-digit arithmetic over the range of `tests/fuzz` (`tests/test_exact.py`):
 limit points are good to 3e-15 in the states and 1e-14 in the voltage (1e-13 next to a stretch limit, where
 1/D amplifies rounding); other states to 1e-14, and next to a limit point to that over the slope dφ/dλ. Where
 a snap loses its tension is good to about 1e-9.

@@ -93,7 +93,7 @@ def _head(subjects: Sequence[Subject], where: str) -> str:
 # How wrong, how slow
 
 Errors against run time, of this simulator and of what one would write instead, on the scenarios {names}.
-This page, its figure and [accuracy.csv](accuracy.csv) are written by `balloons accuracy`; no number here is typed by
+This page, its figure and [accuracy.csv](accuracy.csv) are written by `make accuracy`; no number here is typed by
 hand. The errors are the same in every run. **Times compare within this one run only**: it was taken on one shared
 machine, in processor time, as medians of repetitions interleaved between all methods.
 

@@ -32,7 +32,7 @@ _HEAD = """\
 W. Sun, H. Wang, J. Zhou, *Actuation and instability of interconnected dielectric elastomer balloons*, Applied
 Physics A (2015). Left, what the paper says; right, what comes out here, from the files in `scenarios/`.
 
-This page is written by `balloons paper` and its figures by `balloons figures`; every verdict is the outcome of a
+This page is written by `make paper` and its figures by `make figures`; every verdict is the outcome of a
 comparison in the program, and the tests hold each of them. "Agrees under the reading …" means that the words taken
 literally do not hold, and the words in italics do. Quantities are dimensionless as in the paper: pressures are
 PR₂/(μH), voltages (Φ/H)√(ε/μ), fields E√(ε/μ).

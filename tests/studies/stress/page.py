@@ -109,7 +109,7 @@ def stability_page(scenarios: Path, fuzz: Path, effort: Effort = FULL) -> str:
     ScenarioError
         If one is invalid, or there is none.
     """
-    shipped = _shipped(scenarios)
+    shipped = shipped_scenarios(scenarios)
     rows = {
         subject: [examine(case, effort.repetitions) for case in cases]
         for subject, cases in groups(effort.rows, effort.cycles).items()
@@ -134,7 +134,8 @@ def stability_page(scenarios: Path, fuzz: Path, effort: Effort = FULL) -> str:
     )
 
 
-def _shipped(scenarios: Path) -> list[Scenario]:
+def shipped_scenarios(scenarios: Path) -> list[Scenario]:
+    """The paper's scenarios of a folder. Raises ScenarioError if one is invalid, or there is none."""
     files = sorted(scenarios.glob("fig*.toml"))
     if not files:
         raise ScenarioError(str(scenarios), Problem("scenarios", None, "must hold the paper's fig*.toml"))

@@ -1,0 +1,1 @@
+"""The reference for the whole grammar of scenarios."""

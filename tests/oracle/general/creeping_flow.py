@@ -1,0 +1,377 @@
+"""The flow τᵢ dλᵢ/dt = −gᵢ of balloons in real time, by integrators of SciPy.
+
+Between two corners of the drive everything is smooth. There the flow is followed step by step; every margin
+is read several times in each step, and where it falls through zero the time is found by integrating anew
+from the step's start. Nothing is taken from the simulator.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import BDF, LSODA, Radau
+from scipy.optimize import brentq
+
+FloatArray = NDArray[np.float64]
+
+_RTOL = 1e-10
+_ATOL = 1e-13
+_LOOKS = 6  # times that margins are read in each step
+_MOST_STEPS = 10_000
+_GRAZING = 1e-9  # a margin that comes this near zero and turns, over its largest value in the leg
+ENDLESS = 1e3  # stretch that counts as without end
+
+
+class Wall(Protocol):
+    """f and f′ of an elastomer."""
+
+    def force(self, stretch: float) -> float: ...
+    def stiffness(self, stretch: float) -> float: ...
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A Maxwell branch: modulus and relaxation time."""
+
+    modulus: float
+    time: float
+
+
+@dataclass(frozen=True)
+class Film:
+    """One balloon as the flow sees it; `strength` gives E_b of its stretch, `largest` ends it."""
+
+    radius: float
+    thickness: float
+    modulus: float
+    permittivity: float
+    wall: Wall
+    limit: float  # where the wall locks
+    largest: float  # end of a measured curve
+    strength: Callable[[float], float] | None
+    relaxation: float
+    spring: Spring | None
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A smooth part of the drive, from time 0 to `lasts`.
+
+    Attributes
+    ----------
+    lasts : float
+    voltages : callable
+        Of all balloons, at a time.
+    pressure : callable or None
+        At a time, where the valve is open.
+    gas_pressure : callable or None
+        p and dp/dV of a volume, where the valve is closed.
+    longest : float
+        Step that an integrator may take.
+    taut : bool
+        Whether the pressure is watched.
+    """
+
+    lasts: float
+    voltages: Callable[[float], FloatArray]
+    pressure: Callable[[float], float] | None
+    gas_pressure: Callable[[float], tuple[float, float]] | None
+    longest: float
+    taut: bool = True
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """A margin that fell through zero."""
+
+    time: float
+    kind: str
+    place: int
+    state: FloatArray
+
+
+@dataclass(frozen=True)
+class Leg:
+    """What became of the flow in one part of the drive."""
+
+    state: FloatArray
+    time: float
+    crossings: tuple[Crossing, ...]
+    ended: bool
+    grazing: tuple[str, ...]
+    states: FloatArray
+
+
+class FlowError(ArithmeticError):
+    """An integrator could not follow the flow."""
+
+
+def spring_force(x: float) -> float:
+    return 2.0 * (x - x**-5)
+
+
+def spring_stiffness(x: float) -> float:
+    return 2.0 + 10.0 * x**-6
+
+
+@dataclass
+class Motion:
+    """All balloons on one gas, and how fast they are: unknowns λ, inner stretches ξ, and the heat so far."""
+
+    films: Sequence[Film]
+    chamber: float
+    creeping: list[int] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.creeping = [i for i, film in enumerate(self.films) if film.spring is not None]
+
+    @property
+    def count(self) -> int:
+        return len(self.films)
+
+    def at_rest(self) -> FloatArray:
+        return np.concatenate([np.ones(self.count + len(self.creeping)), [0.0]])
+
+    def is_sound(self, y: FloatArray) -> bool:
+        """Whether a state is one at all: numbers, and no wall beyond where it locks."""
+        below = all(0.0 < x < film.limit for film, x in zip(self.films, y, strict=False))
+        return below and bool(np.all(np.isfinite(y)))
+
+    def volume(self, stretch: Sequence[float]) -> float:
+        cubes = (film.radius**3 * x**3 / 3.0 for film, x in zip(self.films, stretch, strict=True))
+        return self.chamber + math.fsum(cubes)
+
+    def pressure(self, time: float, stretch: Sequence[float], drive: Drive) -> float:
+        if drive.pressure is not None:
+            return drive.pressure(time)
+        assert drive.gas_pressure is not None
+        return drive.gas_pressure(self.volume(stretch))[0]
+
+    def forces(self, stretch: Sequence[float], pressure: float, voltage: FloatArray) -> list[float]:
+        """gᵢ of the equilibrium part."""
+        return [
+            film.modulus * film.wall.force(x)
+            - film.radius / film.thickness * pressure * x * x
+            - 2.0 * film.permittivity / film.thickness**2 * float(v) ** 2 * x**3
+            for film, x, v in zip(self.films, stretch, voltage, strict=True)
+        ]
+
+    def rates(self, time: float, y: FloatArray, drive: Drive) -> FloatArray:
+        """dλ/dt, dξ/dt and the heat per time; NaN beyond where a wall locks."""
+        stretch, inner = y[: self.count], y[self.count : -1]
+        if any(not 0.0 < x < film.limit for film, x in zip(self.films, stretch, strict=True)):
+            return np.full(y.size, np.nan)
+        if np.any(inner <= 0.0):
+            return np.full(y.size, np.nan)
+        out = np.zeros(y.size)
+        balance = self.forces(
+            stretch.tolist(), self.pressure(time, stretch.tolist(), drive), drive.voltages(time)
+        )
+        heat = 0.0
+        for place, i in enumerate(self.creeping):
+            film, spring = self.films[i], self.films[i].spring
+            assert spring is not None
+            x = float(stretch[i] / inner[place])
+            force = spring_force(x)
+            balance[i] += spring.modulus / inner[place] * force
+            out[self.count + place] = stretch[i] / (12.0 * spring.time) * force
+            heat += film.radius**2 * film.thickness * spring.modulus * (x * force) ** 2 / (12.0 * spring.time)
+        for i, film in enumerate(self.films):
+            out[i] = -balance[i] / film.relaxation
+            heat += film.radius**2 * film.thickness * film.relaxation * out[i] ** 2
+        out[-1] = heat
+        return out
+
+    def jacobian(self, time: float, y: FloatArray, drive: Drive) -> FloatArray:
+        count = self.count
+        stretch, inner = y[:count], y[count:-1]
+        voltage = drive.voltages(time)
+        out = np.zeros((y.size, y.size))
+        diagonal, coupling = self.slopes(time, stretch.tolist(), voltage, drive)
+        out[:count, :count] = coupling
+        out[np.arange(count), np.arange(count)] += diagonal
+        for place, i in enumerate(self.creeping):
+            spring, film = self.films[i].spring, self.films[i]
+            assert spring is not None
+            x = float(stretch[i] / inner[place])
+            force, slope = spring_force(x), spring_stiffness(x)
+            out[i, i] += spring.modulus * slope / inner[place] ** 2
+            out[i, count + place] = -spring.modulus / inner[place] ** 2 * (force + x * slope)
+            out[count + place, i] = (force + x * slope) / (12.0 * spring.time)
+            out[count + place, count + place] = -(x**2) * slope / (12.0 * spring.time)
+        for i, film in enumerate(self.films):
+            out[i] /= -film.relaxation
+        rate = self.rates(time, y, drive)
+        for i, film in enumerate(self.films):
+            out[-1] += 2.0 * film.radius**2 * film.thickness * film.relaxation * rate[i] * out[i]
+        return out
+
+    def slopes(
+        self, time: float, stretch: Sequence[float], voltage: FloatArray, drive: Drive
+    ) -> tuple[FloatArray, FloatArray]:
+        """∂gᵢ/∂λᵢ at given pressure, and the share of the shared gas, −(rᵢ/hᵢ) λᵢ² dp/dV r_j³ λ_j²."""
+        pressure = self.pressure(time, stretch, drive)
+        diagonal = np.array(
+            [
+                film.modulus * film.wall.stiffness(x)
+                - 2.0 * film.radius / film.thickness * pressure * x
+                - 6.0 * film.permittivity / film.thickness**2 * float(v) ** 2 * x * x
+                for film, x, v in zip(self.films, stretch, voltage, strict=True)
+            ]
+        )
+        if drive.gas_pressure is None:
+            return diagonal, np.zeros((self.count, self.count))
+        slope = drive.gas_pressure(self.volume(stretch))[1]
+        area = np.array([film.radius**3 * x * x for film, x in zip(self.films, stretch, strict=True)])
+        pull = np.array([f.radius / f.thickness * x * x for f, x in zip(self.films, stretch, strict=True)])
+        return diagonal, -slope * np.outer(pull, area)
+
+    def stability(self, time: float, y: FloatArray, drive: Drive) -> list[float]:
+        """Smallest eigenvalue of the Hessian with the valve closed, one for each balloon with it open.
+
+        The Hessian is scaled by r²h on both sides: its sign is that of the potential's.
+        """
+        stretch = y[: self.count].tolist()
+        diagonal, coupling = self.slopes(time, stretch, drive.voltages(time), drive)
+        if drive.gas_pressure is None:
+            return [float(d) for d in diagonal]
+        root = np.sqrt([film.radius**2 * film.thickness for film in self.films])
+        hessian = np.diag(diagonal) + coupling * root[:, None] / root[None, :]
+        return [float(np.linalg.eigvalsh((hessian + hessian.T) / 2.0)[0])]
+
+    def margins(self, time: float, y: FloatArray, drive: Drive) -> list[tuple[str, int, float]]:
+        """What is watched: kind, balloon, and a margin that is positive while all is well."""
+        stretch = y[: self.count].tolist()
+        out = [("limit_point", i, m) for i, m in enumerate(self.stability(time, y, drive))]
+        if drive.gas_pressure is not None and drive.taut:
+            out.append(("loss_of_tension", 0, self.pressure(time, stretch, drive)))
+        voltage = drive.voltages(time)
+        for i, (film, x) in enumerate(zip(self.films, stretch, strict=True)):
+            if film.strength is not None:
+                field_ = abs(float(voltage[i])) * x * x / film.thickness
+                out.append(("breakdown", i, 1.0 - field_ / film.strength(x)))
+            if film.largest < math.inf:
+                out.append(("out_of_range", i, film.largest - x))
+            elif math.isinf(film.limit):
+                out.append(("runaway", i, ENDLESS - x))
+        return out
+
+
+def follow(motion: Motion, drive: Drive, start: FloatArray, times: FloatArray, method: str) -> Leg:
+    """Integrate one smooth part of the drive, up to its end or to what ends the history.
+
+    Parameters
+    ----------
+    motion : Motion
+    drive : Drive
+    start : (n_unknowns,) array
+    times : (n,) array
+        Rising, within the part; states at these are returned, as far as it gets.
+    method : {"LSODA", "BDF", "Radau"}
+
+    Raises
+    ------
+    FlowError
+        If the integrator gives up.
+    """
+    solver = _solver(motion, drive, 0.0, start, drive.lasts, method)
+    found: list[Crossing] = []
+    kept: list[FloatArray] = []
+    lows: dict[tuple[str, int], float] = {}
+    before = motion.margins(0.0, start, drive)
+    tops = [abs(m) for _, _, m in before]
+    for _ in range(_MOST_STEPS):
+        t0, y0 = solver.t, solver.y.copy()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            message = solver.step()
+        if solver.status == "failed" or not motion.is_sound(solver.y):
+            raise FlowError(f"{method}: {message} at {solver.t!r}")
+        dense = solver.dense_output()
+        end = False
+        for t in np.linspace(t0, solver.t, _LOOKS + 1)[1:]:
+            y = solver.y if t == solver.t else dense(t)
+            after = motion.margins(float(t), y, drive)
+            for k, ((kind, place, a), (_, _, b)) in enumerate(zip(before, after, strict=True)):
+                tops[k] = max(tops[k], abs(b))
+                lows[kind, place] = min(lows.get((kind, place), math.inf), abs(b))
+                if a > 0.0 >= b:
+                    at = max(t0, float(t) - (solver.t - t0) / _LOOKS)
+                    found.append(_refine(motion, drive, t0, y0, at, float(t), k, method))
+            before = after
+        ends = [c for c in found if c.kind != "limit_point"]
+        if ends:
+            first = min(ends, key=lambda c: c.time)
+            found = [c for c in found if c.time < first.time or c is first]
+            end = True
+        stop = first.time if end else solver.t
+        kept += [dense(t) for t in times[(times > t0) & (times <= stop)]]
+        if end:
+            break
+        if solver.status == "finished":
+            break
+    else:
+        raise FlowError(f"{method}: no end within {_MOST_STEPS} steps")
+    crossed = {(c.kind, c.place) for c in found}
+    grazing = tuple(
+        kind
+        for (kind, place, _), top in zip(before, tops, strict=True)
+        if (kind, place) not in crossed and lows[kind, place] < _GRAZING * max(top, 1e-3)
+    )
+    found.sort(key=lambda c: c.time)
+    last = found[-1] if found and found[-1].kind != "limit_point" else None
+    states = np.array(kept).reshape(len(kept), start.size)
+    if last is not None:
+        return Leg(last.state, last.time, tuple(found), True, grazing, states)
+    return Leg(solver.y.copy(), drive.lasts, tuple(found), False, grazing, states)
+
+
+def _solver(motion: Motion, drive: Drive, t0: float, y0: FloatArray, end: float, method: str) -> Any:
+    def rates(t: float, y: FloatArray) -> FloatArray:
+        return motion.rates(t, y, drive)
+
+    def jacobian(t: float, y: FloatArray) -> FloatArray:
+        return motion.jacobian(t, y, drive)
+
+    kind: Any = {"LSODA": LSODA, "BDF": BDF, "Radau": Radau}[method]
+    # The heat of a small motion is small: it is only told, and nothing depends on it.
+    atol = np.array([*[_ATOL] * (y0.size - 1), 1e-12])
+    return kind(rates, t0, y0, end, rtol=_RTOL, atol=atol, jac=jacobian, max_step=drive.longest)
+
+
+def _refine(
+    motion: Motion, drive: Drive, t0: float, y0: FloatArray, low: float, high: float, which: int, method: str
+) -> Crossing:
+    """When a margin falls through zero, by integrating from a step's start."""
+    states: dict[float, FloatArray] = {t0: y0}
+
+    def state(t: float) -> FloatArray:
+        if t not in states:
+            solver = _solver(motion, drive, t0, y0, t, method)
+            while solver.status == "running":
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")
+                    message = solver.step()
+            if solver.status == "failed":
+                raise FlowError(f"{method}: {message}")
+            states[t] = solver.y.copy()
+        return states[t]
+
+    def margin(t: float) -> float:
+        return motion.margins(t, state(t), drive)[which][2]
+
+    a, b = margin(low), margin(high)
+    kind, place, _ = motion.margins(t0, y0, drive)[which]
+    if a <= 0.0:
+        root = low
+    elif b > 0.0:
+        root = high
+    else:
+        root = float(brentq(margin, low, high, xtol=1e-15 * drive.lasts, rtol=1e-14))
+    return Crossing(root, kind, place, state(root))

@@ -1,0 +1,393 @@
+"""Histories in real time, for scenarios with `[dynamics]`: the independent reference.
+
+The scenario is read by `simulator.load_scenario`, which knows the grammar and the units; all that follows is
+computed here and in `creeping_flow`. The whole history is played twice, each time with another integrator;
+where the two differ by more than 1e-6 the reference is undecided.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator import Scenario, load_scenario
+from tests.oracle.general.creeping_flow import Drive, Film, FlowError, Motion, Spring, follow
+from tests.oracle.general.reference import Reference, ReferenceEvent, State
+from tests.oracle.general.walls import wall_of
+
+FloatArray = NDArray[np.float64]
+
+AGREE = 1e-6
+_METHODS = (("LSODA", "BDF"), ("Radau",))  # the second of a pair where the first gives up
+_NO_PRESSURE = 1e-13
+
+
+def play_real_time(
+    document: Mapping[str, Any], samples: tuple[FloatArray, NDArray[np.int64]] | None = None
+) -> Reference:
+    """The history of a scenario with `[dynamics]`.
+
+    Parameters
+    ----------
+    document : mapping
+        As for `load_scenario`.
+    samples : (n,) array of times and (n,) array of steps, optional
+        Rising; states are returned at these, as far as the history gets.
+
+    Returns
+    -------
+    Reference
+        `undecided` says why where the two integrators differ, or a margin only touches zero.
+    """
+    scenario = load_scenario(document)
+    played: list[_Player] = []
+    doubts: list[str] = []
+    for methods in _METHODS:
+        for method in methods:
+            player = _Player(scenario, method, samples)
+            try:
+                player.play()
+            except FlowError as error:
+                if method == methods[-1]:
+                    doubts.append(str(error))
+                continue
+            played.append(player)
+            break
+    if not played:
+        return Reference("?", (), None, (), tuple(doubts), 0)
+    first, last = played[0], played[-1]
+    for player in played:
+        doubts += player.doubts
+    certain, difference = _compared(first, last)
+    if difference:
+        doubts.append(difference)
+    if doubts:
+        certain = min(certain, 0 if len(played) < 2 else len(first.events))
+    return last.reference(tuple(dict.fromkeys(doubts)), certain)
+
+
+# ------------------------------------------------------------------------------------------ the drive
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A smooth part of a step: when it begins and how long it lasts, and voltages over its own time."""
+
+    begin: float
+    lasts: float
+    voltages: Callable[[float], FloatArray]
+    longest: float
+
+
+def _straight(begin: float, end: float, first: FloatArray, last: FloatArray) -> _Part:
+    lasts = end - begin
+    slope = (last - first) / lasts
+
+    def voltages(t: float) -> FloatArray:
+        return last if t == lasts else np.asarray(first + slope * t)
+
+    return _Part(begin, lasts, voltages, lasts / 12.0)
+
+
+def parts_of(step: Any, names: Sequence[str], films: Sequence[str], now: FloatArray) -> list[_Part]:
+    """The smooth parts of a step, in order; a jump is one that lasts no time.
+
+    Parameters
+    ----------
+    step
+        As played, of a `Scenario`.
+    names, films : sequence of str
+        All balloons, and those with electrodes.
+    now : (n_balloons,) array
+        Voltages before the step.
+    """
+
+    def given(value: Any) -> FloatArray:
+        out = now.copy()
+        for name in films:
+            if not isinstance(value, dict) or name in value:
+                out[names.index(name)] = value[name] if isinstance(value, dict) else value
+        return out
+
+    if hasattr(step, "inflate"):
+        return [_straight(0.0, step.over, now, now)]
+    if hasattr(step, "hold"):
+        return [_straight(0.0, step.hold, now, now)]
+    if hasattr(step, "ramp"):
+        return [_straight(0.0, step.over, now, given(step.ramp))]
+    if hasattr(step, "jump"):
+        target = given(step.jump)
+        return [_Part(0.0, 0.0, lambda _: target, 0.0)]
+    if hasattr(step, "table"):
+        rows = [given(float(v)) for v in step.voltages]
+        times = step.times.tolist()
+        return [_straight(times[i], times[i + 1], rows[i], rows[i + 1]) for i in range(len(rows) - 1)]
+    return _waves(step, names, films, now)
+
+
+def _waves(step: Any, names: Sequence[str], films: Sequence[str], now: FloatArray) -> list[_Part]:
+    kind = "sine" if hasattr(step, "sine") else "triangle"
+    wave = getattr(step, kind)
+    own = getattr(wave, "balloons", None) or dict.fromkeys(films, wave)
+    first, second = ("mean", "amplitude") if kind == "sine" else ("low", "high")
+    a, b, phase = now.copy(), np.zeros(len(names)), np.zeros(len(names))
+    moves = np.zeros(len(names), dtype=bool)
+    for name, one in own.items():
+        i = names.index(name)
+        a[i], b[i], moves[i] = getattr(one, first), getattr(one, second), True
+        phase[i] = getattr(one, "phase", 0.0)
+    if kind == "sine":
+
+        def sine(t: float) -> FloatArray:
+            return np.where(moves, a + b * np.sin(2.0 * np.pi * (t / wave.period + phase)), now)
+
+        return [_Part(0.0, wave.period * wave.cycles, sine, wave.period / 24.0)]
+
+    def triangle(turns: float) -> FloatArray:
+        share = 1.0 - np.abs(1.0 - 2.0 * np.mod(turns + phase, 1.0))
+        return np.where(moves, a + (b - a) * share, now)
+
+    corners = {0.0, float(wave.cycles)}
+    for shift in phase[moves]:
+        for half in range(-2, 2 * math.ceil(wave.cycles) + 3):
+            corner = 0.5 * half - math.fmod(shift, 1.0)
+            if 1e-12 < corner < wave.cycles - 1e-12:
+                corners.add(corner)
+    turns = sorted(corners)
+    kept = [turns[0], *(t for s, t in itertools.pairwise(turns) if t - s > 1e-12)]
+    return [
+        _straight(s * wave.period, t * wave.period, triangle(s), triangle(t))
+        for s, t in itertools.pairwise(kept)
+    ]
+
+
+# ------------------------------------------------------------------------------------------ one history
+
+
+class _Player:
+    """Plays the steps with one integrator."""
+
+    def __init__(
+        self, scenario: Scenario, method: str, samples: tuple[FloatArray, NDArray[np.int64]] | None
+    ) -> None:
+        self.scenario, self.method = scenario, method
+        self.names = [balloon.name for balloon in scenario.balloons]
+        self.films = list(scenario.electroded)
+        self.places = [self.names.index(name) for name in self.films]
+        self.motion = Motion(
+            [_film(scenario, balloon) for balloon in scenario.balloons], scenario.gas.chamber
+        )
+        self.ambient = scenario.gas.ambient_pressure
+        self.gamma = scenario.gas.exponent if scenario.gas.law == "adiabatic" else 1.0
+        self.state = self.motion.at_rest()
+        self.voltage = np.zeros(len(self.names))
+        self.pressure, self.clock, self.step = 0.0, 0.0, 0
+        self.stable, self.ended = True, False
+        self.outcome = "completed"
+        self.events: list[ReferenceEvent] = []
+        self.ends: list[State] = []
+        self.doubts: list[str] = []
+        self.wanted = samples
+        self.sampled: list[FloatArray] = []
+        self.sampled_at: list[tuple[float, int]] = []
+        self._seal()
+
+    def play(self) -> None:
+        for number, step in enumerate(self.scenario.played_steps(), start=1):
+            self.step = number
+            self._play(step)
+            if self.ended:
+                return
+            self.ends.append(self._now())
+
+    def reference(self, doubts: tuple[str, ...], certain: int) -> Reference:
+        return Reference(
+            self.outcome,
+            tuple(self.events),
+            self._now(),
+            tuple(self.ends),
+            doubts,
+            certain,
+            samples=np.array(self.sampled).reshape(len(self.sampled), self.motion.count),
+            sample_times=np.array([time for time, _ in self.sampled_at]),
+            sample_steps=np.array([step for _, step in self.sampled_at]),
+            dissipated=float(self.state[-1]),
+        )
+
+    def _seal(self) -> None:
+        volume = self.motion.volume(self.state[: self.motion.count].tolist())
+        self.contents = (self.pressure + self.ambient) * volume**self.gamma
+
+    def _gas_pressure(self, volume: float) -> tuple[float, float]:
+        absolute = self.contents / volume**self.gamma
+        return absolute - self.ambient, -self.gamma * absolute / volume
+
+    def _play(self, step: Any) -> None:
+        opens = hasattr(step, "inflate") or step.valve == "open"
+        parts = parts_of(step, self.names, self.films, self.voltage)
+        lasts = parts[-1].begin + parts[-1].lasts
+        first = self.pressure
+        start = self.clock
+        for part in parts:
+            pressure: Callable[[float], float] | None = None
+            if opens:
+                rise = ((step.inflate - first) / lasts) if hasattr(step, "inflate") else 0.0
+                pressure = partial(lambda t, at, rise: at + rise * t, at=first + rise * part.begin, rise=rise)
+                if hasattr(step, "inflate"):
+                    pressure = partial(_ramped, first=first, last=step.inflate, lasts=lasts)
+            gas = None if opens else self._gas_pressure
+            drive = Drive(part.lasts, part.voltages, pressure, gas, part.longest)
+            self.voltage = part.voltages(0.0)
+            self._move(drive, start, part)
+            if self.ended:
+                return
+        self.clock = start + lasts
+        if opens:
+            self._seal()
+
+    def _move(self, drive: Drive, start: float, part: _Part) -> None:
+        """One part of the drive: what is beyond its limit already, and then the flow."""
+        self.clock = start + part.begin
+        self.pressure = self.motion.pressure(0.0, self.state[: self.motion.count].tolist(), drive)
+        taut = self._check(drive)
+        if self.ended or part.lasts == 0.0:
+            return
+        drive = Drive(drive.lasts, drive.voltages, drive.pressure, drive.gas_pressure, drive.longest, taut)
+        times = self._times(start + part.begin, part.lasts)
+        leg = follow(self.motion, drive, self.state, times, self.method)
+        self.sampled += [y[: self.motion.count] for y in leg.states]
+        self.sampled_at += [(start + part.begin + t, self.step) for t in times[: len(leg.states)]]
+        for crossing in leg.crossings:
+            self.state = crossing.state
+            self.clock = start + part.begin + crossing.time
+            self.voltage = part.voltages(crossing.time)
+            stretch = self.state[: self.motion.count].tolist()
+            self.pressure = self.motion.pressure(crossing.time, stretch, drive)
+            self._note(crossing.kind)
+        if leg.ended:
+            return
+        self.doubts += [f"{kind} only touched in step {self.step}" for kind in leg.grazing]
+        self.state = leg.state
+        self.clock = start + part.begin + part.lasts
+        self.voltage = part.voltages(part.lasts)
+        self.pressure = self.motion.pressure(part.lasts, self.state[: self.motion.count].tolist(), drive)
+        self.stable = min(self.motion.stability(part.lasts, self.state, drive)) >= 0.0
+
+    def _check(self, drive: Drive) -> bool:
+        """Note margins that are negative before anything moves; return whether to watch the tension."""
+        taut = True
+        if drive.gas_pressure is not None and abs(self.pressure) <= _NO_PRESSURE * max(1.0, self.ambient):
+            taut = self._check_slack(drive)
+            if self.ended:
+                return taut
+        margins = self.motion.margins(0.0, self.state, drive)
+        unstable = [m for kind, _, m in margins if kind == "limit_point" and m < 0.0]
+        if self.stable:
+            for _ in unstable:
+                self._note("limit_point")
+        self.stable = not unstable
+        for kind, _, margin in margins:
+            if kind not in ("limit_point", "loss_of_tension") and margin <= 0.0 and not self.ended:
+                self._note(kind)
+        return taut
+
+    def _check_slack(self, drive: Drive) -> bool:
+        """A gas sealed without pressure: lost where balloons grow, not watched where nothing moves."""
+        rates = self.motion.rates(0.0, self.state, drive)
+        count = self.motion.count
+        area = [f.radius**3 * x * x for f, x in zip(self.motion.films, self.state[:count], strict=True)]
+        growth = float(np.dot(area, rates[:count]))
+        still = float(np.max(np.abs(rates[:count]))) * max(drive.lasts, 1.0) < 1e-12
+        moves = any(np.any(drive.voltages(share * drive.lasts) != 0.0) for share in (0.0, 0.37, 1.0))
+        if (still and moves) or (not still and growth > 0.0):
+            self._note("loss_of_tension")
+        return not still
+
+    def _times(self, begin: float, lasts: float) -> FloatArray:
+        """The samples wanted within a part, in its own time."""
+        if self.wanted is None:
+            return np.zeros(0)
+        times, steps = self.wanted
+        own = times[steps == self.step] - begin
+        return np.unique(own[(own > 0.0) & (own <= lasts * (1.0 + 1e-12))].clip(max=lasts))
+
+    def _now(self) -> State:
+        count = self.motion.count
+        return State(
+            self.clock, self.step, self.state[:count].copy(), self.pressure, self.voltage[self.places]
+        )
+
+    def _note(self, kind: str) -> None:
+        now = self._now()
+        ends = kind != "limit_point"
+        self.events.append(
+            ReferenceEvent(kind, self.step, self.clock, now, None if ends else now, None if ends else 0.0)
+        )
+        if ends:
+            self.ended, self.outcome = True, kind
+
+
+def _ramped(t: float, first: float, last: float, lasts: float) -> float:
+    return last if t == lasts else first + (last - first) / lasts * t
+
+
+def _film(scenario: Scenario, balloon: Any) -> Film:
+    assert scenario.dynamics is not None
+    law = wall_of(balloon.elastomer)
+    spring = None if balloon.maxwell is None else Spring(balloon.maxwell.modulus, balloon.maxwell.time)
+    strength = None if balloon.breakdown is None else strength_of(balloon)
+    return Film(
+        balloon.radius,
+        balloon.thickness,
+        balloon.modulus,
+        balloon.permittivity,
+        law,
+        law.limit,
+        law.largest,
+        strength,
+        scenario.dynamics.relaxation_of(balloon.name),
+        spring,
+    )
+
+
+def strength_of(balloon: Any) -> Callable[[float], float]:
+    """E_b of a film over its stretch."""
+    return partial(_strength, breakdown=balloon.breakdown, thickness=balloon.thickness)
+
+
+def _strength(stretch: float, breakdown: Any, thickness: float) -> float:
+    if breakdown.law == "constant":
+        return float(breakdown.field)
+    present = thickness / stretch**2
+    return float(
+        breakdown.field * stretch**breakdown.stretch_exponent * present**breakdown.thickness_exponent
+    )
+
+
+def _compared(one: _Player, other: _Player) -> tuple[int, str]:
+    """How many events two histories have in common, and what differs first, "" where nothing does."""
+    unit = max(1.0, one.clock, other.clock)
+    pairs = list(zip(one.events, other.events, strict=False))
+    for number, (a, b) in enumerate(pairs):
+        if a.kind != b.kind or a.step != b.step:
+            return number, f"event {number}: {a.kind} by {one.method}, {b.kind} by {other.method}"
+        if abs(a.time - b.time) > AGREE * unit or _apart(a.before, b.before) > AGREE:
+            if a.kind == "runaway" and abs(a.time - b.time) <= AGREE * unit:
+                continue
+            return number, f"event {number} ({a.kind}): the two integrators differ"
+    if len(one.events) != len(other.events):
+        return len(pairs), f"{len(one.events)} events by {one.method}, {len(other.events)} by {other.method}"
+    if one.outcome != "runaway" and _apart(one._now(), other._now()) > AGREE:
+        return len(pairs), "end: the two integrators differ"
+    return len(pairs), ""
+
+
+def _apart(one: State, other: State) -> float:
+    return float(np.max(np.abs(one.stretch - other.stretch) / np.maximum(1.0, np.abs(one.stretch))))
