@@ -176,3 +176,33 @@ def test_the_pressure_held_is_the_one_at_which_the_valve_was_opened(key):
     found = sensitivities(history, turn, [key])[0]
     assert found.of == "voltage_b0"
     assert found.derivative == pytest.approx(slope, rel=2e-6, abs=1e-10)
+
+
+# -- real time: what a change at once does -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "step", "time"),
+    [
+        ("dynamics-jump-destabilises", 2, 1.0),
+        ("dynamics-wave-destabilises", 2, 1.0),
+        ("dynamics-valve-destabilises", 3, 110.0),
+    ],
+)
+def test_a_change_at_once_that_takes_the_stability_is_a_limit_point(
+    name: str, step: int, time: float
+) -> None:
+    history = played(name)
+    (event,) = history.events
+    assert (event.kind, event.step) == (EventKind.LIMIT_POINT, step)
+    assert event.time == pytest.approx(time, rel=1e-12)
+    assert np.array_equal(event.stretch_before, event.stretch_after)
+    assert history.outcome is Outcome.COMPLETED
+
+
+def test_in_real_time_too_a_voltage_slackens_what_was_sealed_without_pressure() -> None:
+    history = played("dynamics-sealed-without-pressure")
+    (event,) = history.events
+    assert (event.kind, event.step) == (EventKind.LOSS_OF_TENSION, 2)
+    assert event.time == pytest.approx(7.399, rel=1e-12)
+    assert history.pressure.min() >= 0.0

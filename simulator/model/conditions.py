@@ -60,6 +60,23 @@ def stability(equations: Equations) -> Condition:
     return singularity(equations, 0, 1.0)
 
 
+def stability_in_motion(equations: Equations) -> Callable[[State], Number]:
+    """Smallest eigenvalue of the scaled Hessian S in a state in which the forces R do not vanish.
+
+    There ∂R/∂λ is not all of it: of R = D g/k, S has D g′/k = ∂R/∂λ − R D′/D on its diagonal.
+    """
+
+    def margin(y: State) -> Number:
+        slopes, squares = equations.stiffness(y)
+        diagonal = [
+            slope - force * wall.elastomer.pole_form_slope(x)[1] / wall.elastomer.pole_form(x)[1]
+            for slope, force, wall, x in zip(slopes, equations.residual(y), equations.walls, y, strict=False)
+        ]
+        return equations.spectrum.eigenvalue(diagonal, squares, 0)
+
+    return margin
+
+
 def singularity(equations: Equations, place: int, sign: float) -> Condition:
     """±1 times the eigenvalue of S at a place in ascending order; zero where S is singular."""
     stiffness, eigenvalue = equations.stiffness, equations.spectrum.eigenvalue

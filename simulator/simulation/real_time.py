@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.events import SHAPE_EVENTS, EventKind
+from simulator.model.conditions import stability_in_motion
 from simulator.model.drive import Leg, VoltageLine, Waveform, Way
 from simulator.model.groups import Group
 from simulator.simulation import motion
@@ -23,6 +24,7 @@ from simulator.solver.ida import Effort
 from simulator.solver.viscous import Flow, Material, MaxwellBranch, Passage
 
 if TYPE_CHECKING:
+    from simulator.model.contents import Contents
     from simulator.scenario import PlayedStep, Scenario
     from simulator.simulation.books import Books
     from simulator.simulation.recorder import Recorder
@@ -50,7 +52,11 @@ class RealTime:
         self.inner: FloatArray = np.ones(len(self.material.creeping))
 
     def release(self) -> None:
-        """Nothing moves at once."""
+        """Nothing moves at once, but a state that only the sealed gas held is stable no more."""
+        present = self.record.present
+        still = present.electrodes.line
+        if self._stable(still, present.sealed) and not self._stable(still, present.contents):
+            self.record.event(EventKind.LIMIT_POINT, present.snapshot, present.snapshot, 0.0)
 
     def jump(self, way: Way, v: float, *, loosened: bool) -> bool:
         """Change the voltages at once to those at v; nothing else does."""
@@ -58,13 +64,30 @@ class RealTime:
         target = way.at(v)
         if present.is_at(target):
             return False
+        before = VoltageLine.still(present.voltage.tolist())
+        still = VoltageLine.still(target.tolist())
+        held = self._stable(before, present.sealed if loosened else present.contents)
+        across = VoltageLine.through(present.voltage.tolist(), target.tolist())
+        v0, v1 = (across.coordinate(x.tolist()) for x in (present.voltage, target))
+        driven = motion.all_balloons(present.device, across, present.pressure, present.contents)
+        slack = any(loses_tension(g.equations, present.unknowns(g, v0), v1) for g in driven)
         self.books.change_voltages(present.device, present.stretch, present.voltage, target)
         present.voltage = target
         self.record.sample_now()
-        still = VoltageLine.still(target.tolist())
         groups = motion.all_balloons(present.device, still, present.pressure, present.contents)
-        self._ends_at_once(groups, 0.0)
+        if slack:
+            self.record.event(EventKind.LOSS_OF_TENSION, present.snapshot)
+        elif not self._ends_at_once(groups, 0.0) and held and not self._stable(still, present.contents):
+            self.record.event(EventKind.LIMIT_POINT, present.snapshot, present.snapshot, 0.0)
         return True
+
+    def _stable(self, way: Way, contents: Contents | None) -> bool:
+        """Whether the present stretches would be stable under voltages that stand still."""
+        present = self.record.present
+        return all(
+            stability_in_motion(group.equations)(present.unknowns(group, 0.0).tolist()) >= 0.0
+            for group in motion.all_balloons(present.device, way, present.pressure, contents)
+        )
 
     def travel(
         self, step: PlayedStep, legs: Sequence[Leg], start: float, lasts: float, watch: Watch | None

@@ -27,9 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.events import EventKind
-from simulator.model.conditions import shape_conditions
-from simulator.model.elastomers import NeoHookean, Number, tension_force, tension_stiffness
-from simulator.model.equations import State
+from simulator.model.conditions import shape_conditions, stability_in_motion
+from simulator.model.elastomers import NeoHookean, tension_force, tension_stiffness
 from simulator.model.groups import Group
 from simulator.solver.ida import Course, Effort, IntegrationError, System, integrate
 
@@ -333,7 +332,7 @@ class Flow:
         for group in self.groups:
             for condition in group.conditions:
                 turns = condition.kind == EventKind.LIMIT_POINT
-                margin = of(group, _stability(group) if turns else condition.margin)
+                margin = of(group, stability_in_motion(group.equations) if turns else condition.margin)
                 yield Watched(condition.kind, margin, not turns)
             for shape in shape_conditions(group.equations) if self.shapes != "ignore" else ():
                 balloon, margin = group.members[shape.place], shape.condition.margin
@@ -342,21 +341,3 @@ class Flow:
                 yield lost
                 back = of(group, margin, -1.0)
                 yield replace(lost, kind=EventKind.SPHERICITY_REGAINED, margin=back, ends=False)
-
-
-def _stability(group: Group) -> Callable[[State], Number]:
-    """Smallest eigenvalue of the scaled Hessian S of Π in a state in which the forces R do not vanish.
-
-    There ∂R/∂λ is not all of it: of R = D g/k, S has D g′/k = ∂R/∂λ − R D′/D on its diagonal.
-    """
-    equations = group.equations
-
-    def margin(y: State) -> Number:
-        slopes, squares = equations.stiffness(y)
-        diagonal = [
-            slope - force * wall.elastomer.pole_form_slope(x)[1] / wall.elastomer.pole_form(x)[1]
-            for slope, force, wall, x in zip(slopes, equations.residual(y), equations.walls, y, strict=False)
-        ]
-        return equations.spectrum.eigenvalue(diagonal, squares, 0)
-
-    return margin
