@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from simulator.analysis.trace import sealed_state, trace
-from simulator.simulation.run import SolverError, simulate
+from simulator.simulation.run import SolverError
 from simulator.solver import newton, segment
 from simulator.solver.branch import Branch
 from simulator.solver.certify import Proposal, certified
@@ -105,4 +105,4 @@ def test_work_that_is_not_what_the_potential_lost_is_an_error(monkeypatch):
     right = Branch.work_between
     monkeypatch.setattr(Branch, "work_between", lambda self, a, b: right(self, a, b) * (1.0 + 1e-7))
     with pytest.raises(SolverError, match=r"the work along a branch, .*, is not what the potential lost"):
-        simulate(pair(1.2, {"ramp": 0.3}, ambient=0.015))
+        run(pair(1.2, {"ramp": 0.3}, ambient=0.015))

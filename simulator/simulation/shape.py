@@ -1,9 +1,9 @@
 """Whether the balloons stay spheres: where each would turn into a pear.
 
 Every history is that of spheres. Beside it, this module looks at the margin of sphericity of each balloon
-(`model.conditions.shape_conditions`). Along the branches it is looked at on the path in outline; a change of
-sign is bracketed, and the state where it vanishes is Newton's on [residual, margin] = 0. A branch is looked at
-once, however often a history passes along it.
+(`model.conditions.shape_conditions`). Along the branches it is looked at on the path in outline. A change of
+sign is bracketed, and the state where it vanishes is Newton's on [residual, margin] = 0. A branch is looked
+at once, however often a history passes along it.
 """
 
 from __future__ import annotations
