@@ -253,7 +253,7 @@ def test_a_maxwell_branch_needs_dynamics():
 def test_who_does_not_name_it_does_not_load_it():
     code = (
         "import sys; from simulator import load_scenario, simulate;"
-        "run(load_scenario('scenarios/fig3c_state_b.toml'));"
+        "simulate(load_scenario('scenarios/fig3c_state_b.toml'));"
         "assert not {'simulator.solver.viscous', 'simulator.simulation.real_time'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -5,14 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simulator import Event, EventKind, History, Outcome, load_scenario, simulate
+from simulator import Event, EventKind, History, Outcome, ScenarioError, load_scenario, simulate
+from simulator.cli.summary_shape import shape_lines
 from simulator.model.conditions import shape_conditions
 from simulator.model.drive import AffineDrive
 from simulator.model.elastomers import ArrudaBoyce, Fung, Gent, MooneyRivlin, NeoHookean, Ogden
 from simulator.model.equations import OpenBalloon
 from simulator.model.membranes import ElectrodedMembrane, Membrane, sphericity
+from simulator.results.record import run_record
+from simulator.results.shapes import lost_rows
+from simulator.sweep.rows import facts
 from tests.oracle.shape import closed_form
-from tests.pairs import pair, single
+from tests.pairs import pair, run, single
 
 LOST, REGAINED = EventKind.LOSS_OF_SPHERICITY, EventKind.SPHERICITY_REGAINED
 
@@ -274,3 +278,111 @@ def test_in_real_time_a_jump_of_the_voltage_is_judged_at_once() -> None:
         (LOST, 1.0),
         (REGAINED, pytest.approx(1.001)),
     ]
+
+
+def ends(**until: object) -> dict[str, object]:
+    return {"until": {"event": "loss_of_sphericity", **until}}
+
+
+def test_a_step_may_end_where_a_sphere_is_lost() -> None:
+    steps = ({"ramp": 0.4, **ends()}, {"ramp": 0.0}, {"ramp": 0.4, **ends()}, {"ramp": 0.0, **ends()})
+    history = simulate(pair(1.2, *steps, ambient=0.015))
+    assert [stop.reached for stop in history.stops] == ["loss_of_sphericity"] * 2 + [None]
+    for stop in history.stops[:2]:
+        at = history.step == stop.step
+        assert history.voltage[at][-1, 0] == pytest.approx(0.314060834937, abs=1e-11)
+        assert history.time[at][-1] == stop.time
+    assert [event.kind for event in shapes(history)] == [LOST, REGAINED, LOST, REGAINED]
+
+
+def test_a_step_may_end_where_a_snap_lands_as_no_sphere() -> None:
+    written = load_scenario("scenarios/vhb_snap.toml").to_dict()
+    written["step"][1] |= ends()
+    history = simulate(load_scenario(written))
+    (stop,) = history.stops
+    snap, lost = history.events[:2]
+    assert stop.reached == lost.kind == LOST
+    assert stop.time == snap.time == lost.time
+    assert history.events[2].step == 3
+
+
+def test_what_comes_first_ends_a_step() -> None:
+    for limit, reached in ((0.3, "field_active = 0.3"), (3.0, "loss_of_sphericity")):
+        history = simulate(pair(1.2, {"ramp": 0.4, **ends(field=limit)}, ambient=0.015))
+        assert [stop.reached for stop in history.stops] == [reached]
+
+
+@pytest.mark.parametrize("how", ["stop", "ignore"])
+def test_no_step_ends_there_where_shapes_are_not_recorded(how: str) -> None:
+    with pytest.raises(ScenarioError, match="on_loss"):
+        pair(1.2, {"ramp": 0.4, **ends()}, shape={"on_loss": how})
+
+
+@pytest.mark.parametrize(
+    ("name", "word"),
+    [
+        ("fig3c_state_b", "pear_before_snap"),
+        ("fig5b_state_b", "snap_of_a_sphere"),
+        ("fig3a_state_c", "sphere"),
+        ("fig3a_state_a", "pear_without_snap"),
+        ("vhb_snap", "pear_at_landing"),
+        ("fig5c_state_a", "pear_after_snap"),
+    ],
+)
+def test_what_becomes_of_the_shape_in_one_word(name: str, word: str) -> None:
+    history = simulate(load_scenario(f"scenarios/{name}.toml"))
+    row = facts(history, 4)
+    assert row["shape"] == word
+    assert row["least_sphericity_active"] == history.sphericity[:, 0].min()
+    lost = shapes(history)
+    assert row.get("sphericity_voltage_active") == (lost[0].voltage[0] if lost else None)
+    ignored = facts(run(load_scenario(f"scenarios/{name}.toml")), 4)
+    same = ignored.keys() - {"shape", "outcome", "behaviour"}
+    assert {key: row[key] for key in same} == pytest.approx({key: ignored[key] for key in same})
+    assert row["behaviour"] == ignored["behaviour"]
+    assert ignored["shape"] is None
+
+
+@pytest.mark.parametrize(
+    ("name", "lines"),
+    [
+        (
+            "fig3c_state_b",
+            [
+                "active would stop being a sphere at 0.31406 (λ 1.5764, rising), before its limit point; "
+                "and once more, see events.csv",
+                "passive stays a sphere",
+            ],
+        ),
+        ("fig5b_state_b", ["all balloons stay spheres"]),
+        (
+            "vhb_snap",
+            ["active would come to rest as no sphere at 4.41467 kV (λ 2.4665)", "passive stays a sphere"],
+        ),
+    ],
+)
+def test_the_summary_says_it_in_a_sentence(name: str, lines: list[str]) -> None:
+    assert list(shape_lines(simulate(load_scenario(f"scenarios/{name}.toml")))) == lines
+    assert list(shape_lines(run(load_scenario(f"scenarios/{name}.toml")))) == []
+
+
+def test_the_summary_names_what_it_assumes() -> None:
+    lines = list(shape_lines(simulate(load_scenario("tests/cases/trace-tabulated-sealed.toml"))))
+    assert any("known about equal stretches only" in line for line in lines)
+
+
+def test_which_samples_no_sphere_is_in() -> None:
+    for name in ("fig3c_state_b", "vhb_snap", "fig5c_state_a", "fig5b_state_b"):
+        history = simulate(load_scenario(f"scenarios/{name}.toml"))
+        below = history.sphericity.min(axis=1) < 0.0
+        at_zero = np.abs(history.sphericity).min(axis=1) < 1e-9
+        assert np.array_equal(lost_rows(history)[~at_zero], below[~at_zero])
+
+
+def test_the_record_of_a_run_says_what_becomes_of_the_shapes() -> None:
+    record = run_record(simulate(load_scenario("scenarios/fig3c_state_b.toml")))
+    active, passive = record["shapes"]
+    assert [loss["place"] for loss in active["losses"]] == ["path", "path"]
+    assert not active["sphere"]
+    assert passive["sphere"]
+    assert "shapes" not in run_record(run(load_scenario("scenarios/fig3c_state_b.toml")))

@@ -12,6 +12,7 @@ from simulator.analysis.varied import Varied
 from simulator.model.drive import VoltageLine
 from simulator.model.elastomers import Number
 from simulator.model.equations import OpenBalloon
+from simulator.scenario import Shape
 from simulator.simulation.run import simulate
 
 FloatArray = NDArray[np.float64]
@@ -107,7 +108,8 @@ class Sealed:
         """Whether the scenario is inflated to this state; True where that is its limit."""
         if end == "inflation_limit" and min(self.softnesses(z.tolist())) < SOFT:
             return True
-        history = simulate(self.varied.inflations(float(z[-1])))
+        inflations = self.varied.inflations(float(z[-1]))
+        history = simulate(inflations.model_copy(update={"shape": Shape(on_loss="ignore")}))
         wanted = z[: len(self.balloons)]
         return history.outcome == "completed" and bool(np.all(np.abs(history.stretch[-1] - wanted) < _SAME))
 

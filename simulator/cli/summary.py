@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from simulator import units
+from simulator.cli.summary_shape import shape_lines
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -87,6 +88,8 @@ def summarise_run(history: History, paths: list[Path]) -> None:
         print(f"         … and {len(history.stops) - EVENTS_SHOWN} more, in run.json")
     for verdict in history.verdicts:
         print(f"film     {_told(verdict, history.scenario.scales)}")
+    for line in shape_lines(history):
+        print(f"shape    {line}")
     balance, statistics = history.energy_balance, history.statistics
     print(f"energy   closes to {balance.relative_imbalance:.1e} of the work exchanged")
     print(f"cost     {statistics.seconds:.3f} s, {statistics.ida_steps} IDA steps, {len(history)} samples")

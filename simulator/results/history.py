@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.events import EventKind, Outcome
+from simulator.events import SHAPE_EVENTS, EventKind, Outcome
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
+    from simulator.results.shapes import ShapeVerdict
     from simulator.scenario import Scenario
 
 FloatArray = NDArray[np.float64]
@@ -212,6 +213,18 @@ class History:
         return {balloon.name: balloon.elastomer.words for balloon in self.scenario.balloons}
 
     @property
+    def mechanical(self) -> tuple[Event, ...]:
+        """The events but those of shape: what happens to spheres."""
+        return tuple(event for event in self.events if event.kind not in SHAPE_EVENTS)
+
+    @property
+    def shapes(self) -> tuple[ShapeVerdict, ...]:
+        """What becomes of the shape of every balloon; none where the scenario ignores it."""
+        from simulator.results.shapes import verdicts
+
+        return verdicts(self)
+
+    @property
     def snaps(self) -> tuple[Event, ...]:
         """Limit and branch points from which the balloons came to rest elsewhere, tension kept."""
         kinds = (EventKind.LIMIT_POINT, EventKind.BRANCH_POINT)
@@ -231,7 +244,8 @@ class History:
         margin = self.margin[:, film]
         at, broke = int(np.argmin(margin)), None
         if self.outcome is Outcome.BREAKDOWN and margin[-1] <= _BROKEN:
-            before = [event.kind for event in self.events[:-1] if event.time == self.events[-1].time]
+            last = self.events[-1].time
+            before = [event.kind for event in self.mechanical[:-1] if event.time == last]
             at, broke = -1, "path"
             if before:
                 broke = "jump" if before[-1] is EventKind.JUMP else "snap"

@@ -9,7 +9,7 @@ from pydantic import BaseModel
 
 from simulator.scenario.device import Balloon, Gas
 from simulator.scenario.errors import Problem
-from simulator.scenario.settings import Dynamics, Output
+from simulator.scenario.settings import Dynamics, Output, Shape
 from simulator.scenario.steps import (
     Charge,
     Cycle,
@@ -45,6 +45,8 @@ class Parts(Protocol):
     def dynamics(self) -> Dynamics | None: ...
     @property
     def output(self) -> Output: ...
+    @property
+    def shape(self) -> Shape: ...
 
 
 def disagreements(scenario: Parts) -> Iterator[Problem]:
@@ -116,6 +118,8 @@ def _of_drive(
     if ends and scenario.dynamics is not None:
         # Where a flow in real time passes a value is not looked for.
         yield Problem(f"{key}.until", _plain(ends), "needs a scenario without [dynamics]")
+    elif ends and ends.event == "loss_of_sphericity" and scenario.shape.on_loss != "record":
+        yield Problem(f"{key}.until.event", ends.event, 'needs [shape] on_loss = "record"')
     elif electroded and ends:
         yield from _never(ends, f"{key}.until", names, electroded, step.valve)
 

@@ -153,7 +153,13 @@ class QuasiStatic:
             contents=present.contents,
         )
         found: Iterable[PlayedLeg] = played_legs(
-            self.atlas, legs, moving, present.stretch, present.pressure, watch
+            self.atlas,
+            legs,
+            moving,
+            present.stretch,
+            present.pressure,
+            watch,
+            self.shapes.ahead() if self.shapes and watch else None,
         )
         last = 1.0
         if watch is not None:

@@ -8,8 +8,10 @@ at once, however often a history passes along it.
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,6 +144,34 @@ class ShapeWatch:
             if gone != ends_lost:
                 kind = EventKind.LOSS_OF_SPHERICITY if ends_lost else EventKind.SPHERICITY_REGAINED
                 yield ShapeChange(kind, balloon, one.mode)
+
+    def ahead(self) -> ShapeWatch:
+        """The same as it is now, to look ahead with."""
+        return ShapeWatch(set(self.lost), self._crossings, self._conditions)
+
+    def first_loss(self, responses: Sequence[Response], waveform: Waveform) -> tuple[ShapeChange, int] | None:
+        """The first loss in some responses, and how many exits of its response come before or with it.
+
+        In a flow its state is empty. What is known of the shapes is brought to there.
+        """
+        changes = deque(self.on_the_way(responses, waveform))
+        exits = sorted(
+            (exit.fraction, place, number)
+            for place, response in enumerate(responses)
+            for number, exit in enumerate(response.exits)
+        )
+        for until, place, number in [*exits, (math.inf, -1, 0)]:
+            while changes and changes[0].fraction <= until:
+                change = changes.popleft()
+                if self.takes(change) and change.kind is EventKind.LOSS_OF_SPHERICITY:
+                    passed = responses[change.place].exits
+                    return change, sum(exit.fraction < change.fraction for exit in passed)
+            if place < 0:
+                continue
+            for change in self.in_exit(responses[place].group, responses[place].exits[number]):
+                if self.takes(change) and change.kind is EventKind.LOSS_OF_SPHERICITY:
+                    return replace(change, fraction=until, place=place), number + 1
+        return None
 
     def in_state(self, group: Group, state: FloatArray) -> Iterator[ShapeChange]:
         """What the shapes of a group's balloons are in a state, where they were something else before.

@@ -32,6 +32,7 @@ from simulator.units import Written
 
 if TYPE_CHECKING:
     from simulator.scenario import Until
+    from simulator.simulation.shape import ShapeWatch
 
 FloatArray = NDArray[np.float64]
 
@@ -84,10 +85,11 @@ def _told(value: float) -> str:
 
 @dataclass(frozen=True)
 class Watch:
-    """What ends a step: values that are taken, and, if asked for, a limit point."""
+    """What ends a step: values that are taken, and, if asked for, a limit point or a loss of sphericity."""
 
     values: tuple[WatchedValue, ...]
     limit_point: bool
+    loss_of_sphericity: bool = False
 
     @classmethod
     def over(cls, until: Until, device: Device) -> Watch:
@@ -106,7 +108,8 @@ class Watch:
                 found.append(WatchedValue(kind, device.names.index(name), value, label))
         if until.pressure is not None:
             found.append(WatchedValue("pressure", -1, until.pressure, f"pressure = {_told(until.pressure)}"))
-        return cls(tuple(found), until.event is not None)
+        turns, loses = (until.event == kind for kind in (EventKind.LIMIT_POINT, EventKind.LOSS_OF_SPHERICITY))
+        return cls(tuple(found), turns, loses)
 
     def distances(self, present: Present) -> list[float]:
         """How far the device is from each value."""
@@ -121,7 +124,8 @@ class Watch:
     def labels(self) -> tuple[str, ...]:
         """What it waits for, in words."""
         turns = [EventKind.LIMIT_POINT.value] if self.limit_point else []
-        return (*turns, *(value.label for value in self.values))
+        loses = [EventKind.LOSS_OF_SPHERICITY.value] if self.loss_of_sphericity else []
+        return (*turns, *loses, *(value.label for value in self.values))
 
 
 @dataclass(frozen=True)
@@ -145,7 +149,11 @@ class EarlyEnd:
 
 
 def first_end(
-    watch: Watch, responses: Sequence[Response], waveform: Waveform, resolution: float
+    watch: Watch,
+    responses: Sequence[Response],
+    waveform: Waveform,
+    resolution: float,
+    shapes: ShapeWatch | None = None,
 ) -> tuple[EarlyEnd | None, list[Response]]:
     """The first early end in some responses, and the responses as far as there.
 
@@ -157,6 +165,8 @@ def first_end(
     waveform : Waveform
     resolution : float
         Fractions closer than this are one.
+    shapes : ShapeWatch, optional
+        What is known of the balloons' shapes when the leg begins; brought to its end.
 
     Returns
     -------
@@ -179,6 +189,14 @@ def first_end(
                 fraction, v, state, exits = passage
                 reached = EarlyEnd(fraction, v, value.label, None if state is None else (place, state))
                 found.append((fraction, 0 if state is not None else 1, place, exits, reached))
+    loss = shapes.first_loss(responses, waveform) if watch.loss_of_sphericity and shapes else None
+    if loss is not None:
+        change, exits = loss
+        place, on_branch = change.place, change.before.size > 0
+        there = change.before if on_branch else responses[place].exits[exits - 1].before
+        at = (place, there) if on_branch else None
+        end = EarlyEnd(change.fraction, float(there[-1]), change.kind.value, at)
+        found.append((change.fraction, 0 if on_branch else 1, place, exits, end))
     if not found:
         return None, list(responses)
     _, after_exit, owner, exits, early_end = min(found, key=lambda candidate: candidate[:4])

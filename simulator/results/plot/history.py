@@ -7,7 +7,6 @@ are states the balloons went through; a jump is dashed, since nothing in between
 from __future__ import annotations
 
 from collections import Counter
-from itertools import pairwise
 from math import ceil, dist
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
@@ -18,9 +17,9 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from simulator.events import WORDS, EventKind, Outcome
+from simulator.events import SHAPE_EVENTS, WORDS, EventKind, Outcome
+from simulator.results.plot.in_time import draw_in_time, is_crowded
 from simulator.results.plot.loops import (
-    GRID,
     cell,
     distinct_jumps,
     first_passages,
@@ -34,13 +33,16 @@ from simulator.results.plot.quantities import Labels, add_stretch_axis, shown_hi
 from simulator.results.plot.style import (
     BLACK,
     COLOURS,
+    FAINT,
     GREY,
+    THINNER,
     arrowhead,
     dress,
     mark,
     marker_style,
     png,
 )
+from simulator.results.shapes import lost_rows
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -64,8 +66,6 @@ END_STYLE: dict[str, Any] = {
 }
 
 # Beyond these a picture gains ink and no information.
-MOST_POINTS = 3000
-MOST_TURNS = 150
 MOST_MARKED_EVENTS = 40
 LEGEND_COLUMNS = 6
 
@@ -134,10 +134,10 @@ def plot_voltage(history: History, ax: Axes) -> Axes:
     history, labels = shown_history(history)
     voltage = history.voltage
     if _is_common(voltage):
-        _draw_in_time(history, voltage[:, 0], ax, BLACK, 1.5)
+        draw_in_time(history, voltage[:, 0], ax, BLACK, 1.5)
     else:
         for i, name in enumerate(history.electroded):
-            _draw_in_time(history, voltage[:, i], ax, _colour(history, name), _width(i))
+            draw_in_time(history, voltage[:, i], ax, _colour(history, name), _width(i))
     return _dress_time_axes(ax, labels, f"voltage\n{labels.voltage}")
 
 
@@ -155,7 +155,7 @@ def plot_pressure(history: History, ax: Axes) -> Axes:
         The same axes.
     """
     history, labels = shown_history(history)
-    _draw_in_time(history, history.pressure, ax, BLACK, 1.5)
+    draw_in_time(history, history.pressure, ax, BLACK, 1.5, lost_rows(history))
     return _dress_time_axes(ax, labels, f"pressure\n{labels.pressure}")
 
 
@@ -175,11 +175,14 @@ def plot_stretches(history: History, ax: Axes) -> Axes:
         The same axes.
     """
     history, labels = shown_history(history)
+    lost = lost_rows(history)
     for i, name in enumerate(history.balloons):
-        _draw_in_time(history, history.stretch[:, i], ax, _colour(history, name), _width(i))
+        draw_in_time(history, history.stretch[:, i], ax, _colour(history, name), _width(i), lost)
     if len(history.events) <= MOST_MARKED_EVENTS:
         for event in history.events:
-            mark(event.kind, event.time, event.stretch_before[_most_moved(history, event)], ax)
+            side = event.stretch_before if event.kind not in SHAPE_EVENTS else event.stretch_after
+            if side is not None:
+                mark(event.kind, event.time, side[_most_moved(history, event)], ax)
     return _dress_time_axes(ax, labels, f"{labels.extent}\n{labels.size}")
 
 
@@ -211,7 +214,10 @@ def plot_loop(history: History, ax: Axes) -> Axes:
         kept = moving(x, y, history.branch, spans)
         x, y, branch = x[kept], y[kept], history.branch[kept]
         new = first_passages(x, y, branch, spans)
-        ax.plot(*polyline(x, y, new), color=colour, linewidth=1.8, solid_capstyle="round")
+        lost = lost_rows(history)[kept][:-1]
+        ax.plot(*polyline(x, y, new & ~lost), color=colour, linewidth=1.8, solid_capstyle="round")
+        if lost.any():
+            ax.plot(*polyline(x, y, new & lost), color=colour, linewidth=1.8 * THINNER, alpha=FAINT)
         for start, end in travelled(x, y, new, spans):
             arrowhead(start, end, ax, colour)
         at_once = [event.time for event in history.events if event.kind is EventKind.JUMP]
@@ -233,75 +239,21 @@ def plot_loop(history: History, ax: Axes) -> Axes:
     return dress(ax)
 
 
-def _draw_in_time(history: History, values: FloatArray, ax: Axes, colour: str, width: float) -> None:
-    """A line in time, solid along a branch and dashed from one to the next; where crowded, a band."""
-    if not values.size:
-        return
-    if _is_crowded(values):
-        starts = _bins(values.size, _turns(values) // 4)
-        low, high = np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
-        # Each bin reaches to the next one's first sample, and the last to the end.
-        edges = history.time[np.append(starts, values.size - 1)]
-        bounds = np.append(low, low[-1]), np.append(high, high[-1])
-        ax.fill_between(edges, *bounds, step="post", color=colour, alpha=0.35, linewidth=0.0)
-        return
-    kept = _envelope(values, last_of_branches(history.branch))
-    unmoved = span(values) / GRID
-    time, values, branch = history.time[kept], values[kept], history.branch[kept]
-    # A jump of another quantity leaves this line whole.
-    joined = np.asarray((np.diff(branch) == 0) | (np.abs(np.diff(values)) < unmoved))
-    ax.plot(*polyline(time, values, joined), color=colour, linewidth=width, solid_capstyle="round")
-    ends = np.flatnonzero(~joined)
-    gap = np.full(ends.size, np.nan)
-    ax.plot(
-        np.column_stack([time[ends], time[ends + 1], gap]).ravel(),
-        np.column_stack([values[ends], values[ends + 1], gap]).ravel(),
-        color=colour,
-        linewidth=1.2,
-        linestyle="--",
-    )
-
-
-def _is_crowded(values: FloatArray) -> bool:
-    """Whether a line in time goes up and down so often that it would fill the panel like a wall."""
-    return _turns(values) > MOST_TURNS
-
-
-def _turns(values: FloatArray) -> int:
-    # To within the grid: rounding errors of a constant turn at every sample.
-    moves = np.sign(np.diff(np.round(values / span(values) * GRID)))
-    moves = moves[moves != 0]
-    return int(np.count_nonzero(np.diff(moves)))
-
-
-def _bins(size: int, count: int) -> IntArray:
-    """First indices of `count` consecutive bins, at most 400."""
-    edges = np.linspace(0, size, min(count, 400), endpoint=False)
-    return edges.astype(np.int64)
-
-
-def _envelope(values: FloatArray, ends: IntArray) -> IntArray:
-    """Indices that draw the same line with few points: extremes of consecutive bins, and all jumps."""
-    if values.size <= MOST_POINTS:
-        return np.arange(values.size)
-    starts = np.linspace(0, values.size, MOST_POINTS // 2 + 1).astype(np.int64)
-    bins = list(pairwise(starts))
-    highest = [a + int(np.argmax(values[a:b])) for a, b in bins]
-    lowest = [a + int(np.argmin(values[a:b])) for a, b in bins]
-    return np.unique(np.concatenate([[0, values.size - 1], highest, lowest, ends, ends + 1])).astype(np.int64)
-
-
 def _distinct_marks(history: History, balloon: int, spans: FloatArray) -> list[tuple[EventKind, Point]]:
     """Kind and place of the events that concern the balloon shown, each place once."""
     marks: dict[tuple[EventKind, int, int], tuple[EventKind, Point]] = {}
     for event in history.events:
+        if event.kind in SHAPE_EVENTS and event.balloon != history.balloons[balloon]:
+            continue
         drive = float(event.voltage[0]) if history.electroded else event.pressure_before
-        if history.electroded and event.kind is not EventKind.JUMP:
+        if history.electroded and event.kind not in {EventKind.JUMP, *SHAPE_EVENTS}:
             # At a given charge the voltage falls in a snap; the event has it after that.
             drive = _voltage_before(history, event)
         at = (drive, float(event.stretch_before[balloon]))
         after = event.stretch_after
-        if after is not None and cell(at, spans) == cell((drive, float(after[balloon])), spans):
+        if event.kind in SHAPE_EVENTS and after is not None:
+            at = (float(event.voltage[0]) if history.electroded else drive, float(after[balloon]))
+        elif after is not None and cell(at, spans) == cell((drive, float(after[balloon])), spans):
             continue
         key = (event.kind, *cell(at, spans))
         marks.setdefault(key, (event.kind, at))
@@ -322,12 +274,15 @@ def _legend(history: History) -> list[Artist]:
     ]
     if _is_common(voltage):
         handles.append(Line2D([], [], color=BLACK, linewidth=1.5, label="voltage, the same on all"))
-    if any(_is_crowded(values) for values in stretch.T if values.size):
+    if any(is_crowded(values) for values in stretch.T if values.size):
         handles.append(Patch(color=GREY, alpha=0.35, linewidth=0.0, label="range over many cycles"))
     kinds = Counter(event.kind for event in history.events)
     if last_of_branches(history.branch).size:
         label = "snap or jump" if EventKind.JUMP in kinds else "snap"
         handles.append(Line2D([], [], color=GREY, linewidth=1.2, linestyle="--", label=label))
+    if lost_rows(history).any():
+        faint: dict[str, Any] = {"linewidth": 1.8 * THINNER, "alpha": FAINT}
+        handles.append(Line2D([], [], color=GREY, label="no sphere follows", **faint))
     for kind, count in kinds.items():
         times = f"  ({count}×)" if count > 1 else ""
         handles.append(Line2D([], [], label=WORDS[kind] + times, **marker_style(kind)))
@@ -362,6 +317,8 @@ def _shown_balloon(history: History) -> int:
 
 
 def _most_moved(history: History, event: Event) -> int:
+    if event.balloon is not None:
+        return history.balloons.index(event.balloon)
     if event.stretch_after is None:
         return _shown_balloon(history)
     return int(np.argmax(np.abs(np.log(event.stretch_after / event.stretch_before))))

@@ -1,0 +1,87 @@
+"""A quantity of a history as a line in time: what is drawn of however many samples and cycles."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from simulator.results.plot.loops import GRID, last_of_branches, polyline, span
+from simulator.results.plot.style import FAINT, THINNER
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from numpy.typing import NDArray
+
+    from simulator.results.history import FloatArray, History
+
+    BoolArray = NDArray[np.bool_]
+    IntArray = NDArray[np.int64]
+
+# Beyond these a picture gains ink and no information.
+MOST_POINTS = 3000
+MOST_TURNS = 150
+
+
+def draw_in_time(
+    history: History, values: FloatArray, ax: Axes, colour: str, width: float, lost: BoolArray | None = None
+) -> None:
+    """A line in time, dashed from one branch to the next, faint where `lost`; where crowded, a band."""
+    if not values.size:
+        return
+    if is_crowded(values):
+        starts = _bins(values.size, _turns(values) // 4)
+        low, high = np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
+        # Each bin reaches to the next one's first sample, and the last to the end.
+        edges = history.time[np.append(starts, values.size - 1)]
+        bounds = np.append(low, low[-1]), np.append(high, high[-1])
+        ax.fill_between(edges, *bounds, step="post", color=colour, alpha=0.35, linewidth=0.0)
+        return
+    kept = _envelope(values, last_of_branches(history.branch))
+    unmoved = span(values) / GRID
+    time, values, branch = history.time[kept], values[kept], history.branch[kept]
+    # A jump of another quantity leaves this line whole.
+    joined = np.asarray((np.diff(branch) == 0) | (np.abs(np.diff(values)) < unmoved))
+    faint = joined & (np.zeros_like(joined) if lost is None else lost[kept][:-1])
+    ax.plot(*polyline(time, values, joined & ~faint), color=colour, linewidth=width, solid_capstyle="round")
+    if faint.any():
+        ax.plot(*polyline(time, values, faint), color=colour, linewidth=THINNER * width, alpha=FAINT)
+    ends = np.flatnonzero(~joined)
+    gap = np.full(ends.size, np.nan)
+    ax.plot(
+        np.column_stack([time[ends], time[ends + 1], gap]).ravel(),
+        np.column_stack([values[ends], values[ends + 1], gap]).ravel(),
+        color=colour,
+        linewidth=1.2,
+        linestyle="--",
+    )
+
+
+def is_crowded(values: FloatArray) -> bool:
+    """Whether a line in time goes up and down so often that it would fill the panel like a wall."""
+    return _turns(values) > MOST_TURNS
+
+
+def _turns(values: FloatArray) -> int:
+    # To within the grid: rounding errors of a constant turn at every sample.
+    moves = np.sign(np.diff(np.round(values / span(values) * GRID)))
+    moves = moves[moves != 0]
+    return int(np.count_nonzero(np.diff(moves)))
+
+
+def _bins(size: int, count: int) -> IntArray:
+    """First indices of `count` consecutive bins, at most 400."""
+    edges = np.linspace(0, size, min(count, 400), endpoint=False)
+    return edges.astype(np.int64)
+
+
+def _envelope(values: FloatArray, ends: IntArray) -> IntArray:
+    """Indices that draw the same line with few points: extremes of consecutive bins, and all jumps."""
+    if values.size <= MOST_POINTS:
+        return np.arange(values.size)
+    starts = np.linspace(0, values.size, MOST_POINTS // 2 + 1).astype(np.int64)
+    bins = list(pairwise(starts))
+    highest = [a + int(np.argmax(values[a:b])) for a, b in bins]
+    lowest = [a + int(np.argmin(values[a:b])) for a, b in bins]
+    return np.unique(np.concatenate([[0, values.size - 1], highest, lowest, ends, ends + 1])).astype(np.int64)
