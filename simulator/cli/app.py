@@ -185,7 +185,10 @@ def fold(
             metavar="DIR", help="Where the results go.", show_default="results/<SCENARIO's stem>-fold"
         ),
     ] = None,
-    point: Annotated[int, typer.Option(metavar="N", help="Which limit point of the path, from 1.")] = 1,
+    of: Annotated[
+        str, typer.Option(metavar="KIND", help="What to follow: limit_point, loss_of_sphericity, …")
+    ] = "limit_point",
+    point: Annotated[int, typer.Option(metavar="N", help="Which one of the path, from 1.")] = 1,
     inflation: Annotated[
         str | None,
         typer.Option(metavar="NAME", help="A limit point of this balloon's inflation.", show_default=False),
@@ -193,7 +196,7 @@ def fold(
     plot: Annotated[bool, typer.Option("--plot", help="Also draw fold.png.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> None:
-    """Follow a limit point while one number of the scenario changes; write fold.csv."""
+    """Follow a limit point, or a loss of sphericity, while one number changes; write fold.csv."""
     from simulator.analysis.fold import fold as follow
     from simulator.results.files import OutputError, check_writable, write_files
     from simulator.results.tables import FOLD_FILE, write_fold
@@ -204,7 +207,7 @@ def fold(
     try:
         loaded = load_scenario(scenario)
         check_writable(directory, (FOLD_FILE, "fold.png") if plot else (FOLD_FILE,))
-        curve = follow(loaded, vary, to, point=point, inflation=inflation)
+        curve = follow(loaded, vary, to, of=of, point=point, inflation=inflation)
         pictures: dict[str, Callable[[BinaryIO], object]] = {}
         if plot:
             from simulator.results.plot import draw_fold_png

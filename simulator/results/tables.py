@@ -114,8 +114,8 @@ def event_columns(history: History) -> Columns:
     return _with_si(columns, history)
 
 
-def _shapes(events: Sequence[Event]) -> Columns:
-    """Which balloon an event of shape concerns, and what it would turn into; empty for other events."""
+def _shapes(events: Sequence[Event] | Sequence[SpecialPoint]) -> Columns:
+    """Which balloon a change of shape concerns, and what it would turn into; empty for others."""
     return {
         "balloon": np.array([event.balloon or "" for event in events], dtype=object),
         "mode": np.array([event.mode or "" for event in events], dtype=object),
@@ -144,8 +144,9 @@ def curve_columns(curves: Sequence[Curve]) -> Columns:
     -------
     dict of str to (n_points,) array
         `arclength`, `voltage_<name>` of each electroded balloon, `stretch_<name>` of each balloon,
-        `pressure`, `field_<name>`, `charge_<name>`, `energy`, `stability`, `stable`; before them, where
-        there are several curves, the number of the `curve`, from 1. Dimensionless, see `Curve`.
+        `pressure`, `field_<name>`, `charge_<name>`, `energy`, `stability`, `stable`, `sphericity_<name>` of
+        each balloon and `spheres`, whether all are, unless that is ignored; before them, where there are
+        several curves, the number of the `curve`, from 1. Dimensionless, see `Curve`.
     """
     return _joined(
         curves,
@@ -160,10 +161,18 @@ def curve_columns(curves: Sequence[Curve]) -> Columns:
                 "energy": curve.energy,
                 "stability": curve.stability,
                 "stable": curve.unstable == 0,
+                **_shapes_of(curve),
             }
             for curve in curves
         ],
     )
+
+
+def _shapes_of(curve: Curve) -> Columns:
+    """Margins of sphericity, and whether all balloons are spheres; nothing where that is ignored."""
+    if not curve.sphericity.size:
+        return {}
+    return {**_by_name("sphericity", curve.balloons, curve.sphericity), "spheres": ~curve.lost}
 
 
 def point_columns(curves: Sequence[Curve]) -> Columns:
@@ -177,14 +186,16 @@ def point_columns(curves: Sequence[Curve]) -> Columns:
     Returns
     -------
     dict of str to (n_points,) array
-        `kind`, `arclength`, `voltage_<name>`, `stretch_<name>`, `pressure`; before them, where there are
-        several curves, the number of the `curve`, from 1.
+        `kind`, `balloon` and `mode` of a change of shape unless that is ignored, `arclength`,
+        `voltage_<name>`, `stretch_<name>`, `pressure`; before them, where there are several curves, the
+        number of the `curve`, from 1.
     """
     return _joined(
         curves,
         [
             {
                 "kind": np.array([point.kind for point in curve.points], dtype=object),
+                **(_shapes(curve.points) if curve.sphericity.size else {}),
                 "arclength": _stacked(curve.points, "arclength", 1)[:, 0],
                 **_by_name(
                     "voltage", curve.electroded, _stacked(curve.points, "voltage", len(curve.electroded))
@@ -287,13 +298,16 @@ def write_curves(curves: Sequence[Curve], directory: str | os.PathLike[str]) -> 
 
 
 def fold_columns(curve: FoldCurve) -> Columns:
-    """The columns of `fold.csv`: the parameter's value, and the limit point there."""
+    """The columns of `fold.csv`: the parameter's value, and the limit point, or loss of sphericity, there."""
     columns = {
         curve.parameter: curve.value,
         "voltage": curve.voltage,
         **_by_name("stretch", curve.balloons, curve.stretch),
         "pressure": curve.pressure,
     }
+    if curve.balloon is not None:
+        # Which balloon it is, counted from 1; by this column a file is known from that of a limit point.
+        columns[curve.of] = np.full(len(curve), curve.balloons.index(curve.balloon) + 1)
     if curve.scales is None:
         return columns
     varied = {}
@@ -328,7 +342,7 @@ def write_sensitivities(found: Sequence[Sensitivity], directory: str | os.PathLi
     OutputError
         If the directory cannot be made or written to.
     """
-    names = ("time", "step", "of", "value", "key", "parameter", "derivative")
+    names = ("time", "step", "kind", "of", "value", "key", "parameter", "derivative")
     columns = {name: np.array([getattr(one, name) for one in found]) for name in names}
     return write_files(directory, {SENSITIVITIES_FILE: partial(write_csv, columns)})
 

@@ -35,7 +35,7 @@ MARKERS: dict[str, str] = {
     EventKind.RUNAWAY: "^",
     EventKind.OUT_OF_RANGE: "v",
     EventKind.LOSS_OF_SPHERICITY: "p",
-    EventKind.SPHERICITY_REGAINED: "p",
+    EventKind.SPHERICITY_REGAINED: "h",
     "reached": "s",
 }
 MARKER_SIZES: dict[str, float] = {
