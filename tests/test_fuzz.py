@@ -87,7 +87,7 @@ def shifted(history: History, change: str) -> History:
 def test_what_is_wrong_is_seen(change: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert not fuzz.examine(LOOP).problems
     wrong = shifted(run(load_scenario(LOOP)), change)
-    monkeypatch.setattr(comparison, "simulate", lambda _: wrong)
+    monkeypatch.setattr(comparison, "run", lambda _: wrong)
     assert fuzz.examine(LOOP).problems
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -99,7 +101,9 @@ def test_a_snap_through_shapes_that_are_none_says_so() -> None:
     for event in (lost, regained):
         assert event.time == snap.time
         assert np.array_equal(event.stretch_before, snap.stretch_before)
-        assert np.array_equal(event.stretch_after, snap.stretch_after)
+        assert event.stretch_after is snap.stretch_after or np.array_equal(
+            np.asarray(event.stretch_after), np.asarray(snap.stretch_after)
+        )
 
 
 def test_a_neo_hookean_balloon_stops_where_its_field_says() -> None:
@@ -108,7 +112,7 @@ def test_a_neo_hookean_balloon_stops_where_its_field_says() -> None:
     assert lost.voltage[0] ** 2 == pytest.approx(3.0 * lost.stretch_before[0] ** -8, rel=1e-12)
 
 
-def rubber_pair(**sections: object) -> History:
+def rubber_pair(**sections: Any) -> History:
     """A liquid: switched off, the active balloon gives the rubber one what lets it grow past its peak."""
     return simulate(
         pair(
