@@ -16,7 +16,7 @@ WORKERS ?= 2
 # Further options of a study or of the benchmarks: `make accuracy OPTIONS="--repeat 1 --out results"`.
 OPTIONS ?=
 
-.PHONY: help venv demo test format check coverage lowest pythons bench fuzz accuracy stress paper figures
+.PHONY: help venv demo test format check coverage lowest pythons bench fuzz fuzz-whole accuracy stress paper figures
 
 help:
 	@echo "make demo      run scenarios/$(DEMO).toml, write its CSV files and its picture"
@@ -28,6 +28,7 @@ help:
 	@echo "make pythons   run the tests on every supported Python of this machine"
 	@echo "make bench     measure the speed against SciPy"
 	@echo "make fuzz      play N=$(N) random scenarios of SEED=$(SEED) against the closed form; $(REPORT)"
+	@echo "make fuzz-whole  play N=$(N) random scenarios of the whole grammar against independent references"
 	@echo "make accuracy  measure error against run time; docs/accuracy.md"
 	@echo "make stress    play stiff and extreme scenarios, and runs made to go wrong; docs/stability.md"
 	@echo "make paper     compare with every number of the paper; docs/paper.md"
@@ -43,7 +44,7 @@ demo: $(INSTALLED)
 	@echo "The picture:  results/$(DEMO)/history.png"
 
 test: $(INSTALLED)
-	$(BIN)/python -m pytest --numprocesses $(WORKERS) $(TESTS)
+	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal $(TESTS)
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix
@@ -56,10 +57,10 @@ check: $(INSTALLED)
 	$(BIN)/lint-imports
 
 coverage: $(INSTALLED)
-	$(BIN)/python -m pytest --numprocesses $(WORKERS) --cov --cov-report=term-missing $(TESTS)
+	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal --cov --cov-report=term-missing $(TESTS)
 
 lowest pythons: $(INSTALLED)
-	$(BIN)/python -m tests.environments $@ --numprocesses $(WORKERS) $(TESTS)
+	$(BIN)/python -m tests.environments $@ --numprocesses $(WORKERS) --dist worksteal $(TESTS)
 
 # The second line is what does not time one function, and prints or asserts instead.
 bench: $(INSTALLED)
@@ -68,6 +69,9 @@ bench: $(INSTALLED)
 
 fuzz: $(INSTALLED)
 	$(BIN)/python -m tests.fuzz $(N) --seed $(SEED) --keep results/fuzz --report $(REPORT)
+
+fuzz-whole: $(INSTALLED)
+	$(BIN)/python -m tests.fuzz.whole $(N) --seed $(SEED) --keep results/fuzz-whole
 
 accuracy stress paper figures: $(INSTALLED)
 	$(BIN)/python -m tests.studies.$@ $(OPTIONS)

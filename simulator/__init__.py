@@ -2,7 +2,8 @@
 
 >>> from simulator import simulate
 >>> history = simulate("scenarios/fig5b_state_b.toml")
->>> history.outcome, [event.kind for event in history.events]
+>>> history.outcome.value, [event.kind.value for event in history.events]
+('completed', ['limit_point', 'limit_point', 'jump'])
 
 Names are loaded when first used, so that ``import simulator`` costs next to nothing. All of them are in
 `docs/python.md`.
@@ -18,23 +19,28 @@ if TYPE_CHECKING:
     from simulator.analysis.sensitivity import all_sensitivities, sensitivities
     from simulator.analysis.trace import trace, trace_all, trace_inflation
     from simulator.events import EventKind, Outcome
-    from simulator.results.curve import Curve, FoldCurve
+    from simulator.results.curve import Curve, FoldCurve, SpecialPoint
     from simulator.results.files import OutputError
-    from simulator.results.history import (
-        EnergyBalance,
-        Event,
-        History,
-        SolverStatistics,
-        Stop,
-        Verdict,
-    )
+    from simulator.results.history import EnergyBalance, Event, History, SolverStatistics, Stop, Verdict
     from simulator.results.sensitivity import Sensitivity
     from simulator.scenario import Scenario, ScenarioError, load_scenario
     from simulator.simulation.explanation import explain
     from simulator.simulation.run import SolverError, simulate
     from simulator.solver.follow import PathError
-    from simulator.sweep import Sweep, SweepResult, load_sweep, read_sweep, run_sweep
-    from simulator.sweep.optimum import optimize, read_question
+    from simulator.sweep import (
+        ExecutorError,
+        MissingExtra,
+        Optimum,
+        Question,
+        Sweep,
+        SweepResult,
+        load_sweep,
+        load_table,
+        optimize,
+        read_question,
+        read_sweep,
+        run_sweep,
+    )
 
 __version__ = "0.1.0"
 
@@ -43,16 +49,21 @@ __all__ = [
     "EnergyBalance",
     "Event",
     "EventKind",
+    "ExecutorError",
     "FoldCurve",
     "History",
+    "MissingExtra",
+    "Optimum",
     "Outcome",
     "OutputError",
     "PathError",
+    "Question",
     "Scenario",
     "ScenarioError",
     "Sensitivity",
     "SolverError",
     "SolverStatistics",
+    "SpecialPoint",
     "Stop",
     "Sweep",
     "SweepResult",
@@ -62,6 +73,7 @@ __all__ = [
     "fold",
     "load_scenario",
     "load_sweep",
+    "load_table",
     "optimize",
     "read_question",
     "read_sweep",
@@ -78,7 +90,7 @@ _NAMES = {
     "analysis.sensitivity": ("all_sensitivities", "sensitivities"),
     "analysis.trace": ("trace", "trace_all", "trace_inflation"),
     "events": ("EventKind", "Outcome"),
-    "results.curve": ("Curve", "FoldCurve"),
+    "results.curve": ("Curve", "FoldCurve", "SpecialPoint"),
     "results.files": ("OutputError",),
     "results.history": ("EnergyBalance", "Event", "History", "SolverStatistics", "Stop", "Verdict"),
     "results.sensitivity": ("Sensitivity",),
@@ -86,8 +98,20 @@ _NAMES = {
     "simulation.explanation": ("explain",),
     "simulation.run": ("SolverError", "simulate"),
     "solver.follow": ("PathError",),
-    "sweep": ("Sweep", "SweepResult", "load_sweep", "read_sweep", "run_sweep"),
-    "sweep.optimum": ("optimize", "read_question"),
+    "sweep": (
+        "ExecutorError",
+        "MissingExtra",
+        "Optimum",
+        "Question",
+        "Sweep",
+        "SweepResult",
+        "load_sweep",
+        "load_table",
+        "optimize",
+        "read_question",
+        "read_sweep",
+        "run_sweep",
+    ),
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}
 

@@ -196,6 +196,7 @@ def test_a_change_at_once_that_takes_the_stability_is_a_limit_point(
     (event,) = history.events
     assert (event.kind, event.step) == (EventKind.LIMIT_POINT, step)
     assert event.time == pytest.approx(time, rel=1e-12)
+    assert event.stretch_after is not None
     assert np.array_equal(event.stretch_before, event.stretch_after)
     assert history.outcome is Outcome.COMPLETED
 

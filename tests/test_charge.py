@@ -13,7 +13,7 @@ from simulator.model.conditions import conditions, stability
 from simulator.model.contents import IdealGas
 from simulator.model.drive import AffineDrive, VoltageLine
 from simulator.model.membranes import ElectrodedMembrane
-from simulator.results.tables import event_columns, history_columns
+from simulator.results.columns import event_columns, history_columns
 from simulator.scenario import ScenarioError, load_scenario
 from simulator.simulation.explanation import explain
 from tests.pairs import kinds, pair, run, single

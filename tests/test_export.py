@@ -21,14 +21,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from simulator.results.columns import COLUMNS, event_columns, history_columns
 from simulator.results.csv_text import rows_of_text
 from simulator.results.files import OutputError, check_writable, write_files
 from simulator.results.history import Outcome
 from simulator.results.tables import (
     RUN_FILES,
-    event_columns,
     events_table,
-    history_columns,
     history_table,
     write_run,
 )
@@ -386,3 +385,15 @@ def test_check_writable_refuses_a_read_only_directory(tmp_path):
 
 def test_output_error_is_an_os_error():
     assert issubclass(OutputError, OSError)
+
+
+# --- what columns mean ---
+
+
+def test_every_column_is_explained_once_and_the_page_says_the_same():
+    page = (TESTS.parent / "docs/results.md").read_text("utf-8").replace("\\|", "|")
+    for name, (words, unit) in COLUMNS.items():
+        assert f"| `{name}` | {words} | {unit or '–'} |" in page
+    for history in (cycled_pair(), inflated_single()):
+        for column in (*history_columns(history), *event_columns(history)):
+            assert column.partition("_")[0] in COLUMNS

@@ -12,15 +12,18 @@ import pytest
 ROOT = Path(__file__).parent
 FILES = sorted(str(path.relative_to(ROOT)) for path in ROOT.rglob("*.py"))
 PRIVATE = re.compile(r"([\w.]+\.)?_[A-Za-z]\w*")
-OF_NAMEDTUPLES = {"_asdict", "_fields", "_make", "_replace"}
+PUBLIC_ALL_THE_SAME = {"_asdict", "_exit", "_fields", "_make", "_replace"}  # of named tuples, and of os
 
 
 def privates(tree: ast.AST) -> Iterator[tuple[int, str]]:
     """Line and name of every private name that a module takes from elsewhere."""
+    imported, own = names_of(tree)
     for node in ast.walk(tree):
         if isinstance(node, ast.Attribute):
-            own = isinstance(node.value, ast.Name) and node.value.id in {"self", "cls"}
-            found = [] if own or node.attr in OF_NAMEDTUPLES else [node.attr]
+            here = isinstance(node.value, ast.Name) and node.value.id in {"self", "cls"}
+            # Another object of a class of this module.
+            here |= node.attr in own and not (isinstance(node.value, ast.Name) and node.value.id in imported)
+            found = [] if here or node.attr in PUBLIC_ALL_THE_SAME else [node.attr]
         elif isinstance(node, ast.Import):
             found = [part for alias in node.names for part in alias.name.split(".")]
         elif isinstance(node, ast.ImportFrom):
@@ -32,6 +35,16 @@ def privates(tree: ast.AST) -> Iterator[tuple[int, str]]:
         else:
             continue
         yield from ((node.lineno, name) for name in found if PRIVATE.fullmatch(name))
+
+
+def names_of(tree: ast.AST) -> tuple[set[str], set[str]]:
+    """Names that a module imports, and names of the functions and attributes that its classes define."""
+    imports = [node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)]
+    imported = {alias.asname or alias.name.partition(".")[0] for node in imports for alias in node.names}
+    bodies = [part for node in ast.walk(tree) if isinstance(node, ast.ClassDef) for part in node.body]
+    own = {part.name for part in bodies if isinstance(part, ast.FunctionDef)}
+    own |= {p.target.id for p in bodies if isinstance(p, ast.AnnAssign) and isinstance(p.target, ast.Name)}
+    return imported, own
 
 
 def told(words: list[ast.expr]) -> list[str]:
@@ -59,6 +72,7 @@ def test_no_private_name_is_used(name: str) -> None:
         "setattr(module, '_name', 1)",
         "monkeypatch.setattr('package.module._name', 1)",
         "{'a check': (module, '_name')}",
+        "import module\nclass Own:\n    def _name(self): return module._name",
     ],
 )
 def test_every_way_to_a_private_name_is_seen(line: str) -> None:
@@ -75,6 +89,8 @@ def test_every_way_to_a_private_name_is_seen(line: str) -> None:
         "from __future__ import annotations",
         "f'{module}_name'",
         "{'name': '_name'}",
+        "os._exit(3)",
+        "class Own:\n    def _name(self): return Own()._name",
     ],
 )
 def test_nothing_else_is_one(line: str) -> None:

@@ -817,7 +817,7 @@ until = st.fixed_dictionaries(
     {}, optional={"event": st.just("limit_point"), "stretch": value, "pressure": positive, "field": value}
 ).filter(bool)
 voltage = number | st.dictionaries(st.just("a"), number, min_size=1)
-wave = {"period": positive, "cycles": positive}
+wave = {"period": positive, "cycles": st.floats(min_value=1e-6, max_value=2.0) | st.integers(1, 2)}
 played = st.one_of(
     st.fixed_dictionaries({"inflate": st.floats(0, 1e6)}, optional={"over": positive}),
     st.fixed_dictionaries({"ramp": voltage}, optional={"over": positive, "until": until}),

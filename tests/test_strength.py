@@ -14,9 +14,9 @@ from simulator.model.conditions import intactness
 from simulator.model.device import Device
 from simulator.model.drive import VoltageLine
 from simulator.model.strength import ConstantStrength, PowerStrength
+from simulator.results.columns import history_columns
 from simulator.results.history import Outcome
 from simulator.results.record import run_record
-from simulator.results.tables import history_columns
 from simulator.scenario import load_scenario
 from simulator.simulation.explanation import explain
 from tests.oracle.closed_form import SealedPair
@@ -183,6 +183,29 @@ def test_of_several_films_each_has_its_own_margin():
     assert (weak.broke, strong.broke) == ("path", None)
     assert weak.field == pytest.approx(0.4, rel=1e-13)
     assert strong.margin == pytest.approx(history.margin[:, 1].min())
+
+
+@pytest.mark.parametrize("weakest", [0, 1])
+@pytest.mark.parametrize("other", [None, 0.6])
+def test_films_that_differ_in_strength_alone_break_each_at_its_own(weakest, other):
+    fields = [other, other]
+    fields[weakest] = 0.5
+    gent = {"model": "gent", "J_lim": 100}
+    balloons = [
+        {
+            "name": name,
+            "electrodes": True,
+            "elastomer": gent,
+            **({"breakdown": {"field": field}} if field else {}),
+        }
+        for name, field in zip("ab", fields, strict=True)
+    ]
+    steps = [{"inflate": 0.6}, {"ramp": 0.5, "valve": "open"}]
+    made = {"title": "two films", "gas": {"ambient_pressure": 1.0}, "balloon": balloons, "step": steps}
+    history = run(load_scenario(made))
+    assert kinds(history) == ["breakdown"]
+    assert history.field[-1] == pytest.approx([0.5, 0.5], rel=1e-12)
+    assert history.outcome is Outcome.BREAKDOWN
 
 
 def test_the_summary_says_what_became_of_each_film(tmp_path, capsys):

@@ -12,9 +12,10 @@ from typer.testing import CliRunner
 
 from simulator.analysis.trace import rests, sealed_state, trace, trace_all, trace_inflation
 from simulator.cli import app
+from simulator.results.columns import curve_columns, point_columns
 from simulator.results.files import OutputError
 from simulator.results.plot import draw_curves_png, plot_curves
-from simulator.results.tables import curve_columns, point_columns, write_curves
+from simulator.results.tables import write_curves
 from simulator.scenario import ScenarioError, Shape, load_scenario
 from simulator.solver.follow import PathError
 from tests.closed_form import Pair

@@ -1,41 +1,25 @@
-"""The commands of `balloons` that play a scenario many times: words in, words out, no physics.
+"""`balloons sweep`, `map` and `optimize`: one scenario played many times.
 
-Exit codes as in `cli`: 2 for input or an output directory that makes no sense, 3 where the executor (of an
-optimum: the solver) failed, 130 after Ctrl-C. What was written before stays, and `--resume` goes on with it.
+What a sweep wrote before Ctrl-C or a failure stays, and `--resume` goes on with it.
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated
 
 import typer
 
-SweepArgument = Annotated[
-    Path, typer.Argument(metavar="SWEEP", help="Sweep file (TOML).", show_default=False)
-]
-Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands to the command line."""
-    app.command()(sweep)
-    app.command("map")(draw_map)
-    app.command()(optimize)
+from simulator.cli.endings import BAD_INPUT, SOLVER_FAILED, errors_reported, fail
+from simulator.cli.options import Quiet, SweepArgument, results_option
 
 
 def sweep(
     sweep: SweepArgument,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR", help="Where the results go.", show_default="results/<SWEEP's stem>-sweep"
-        ),
-    ] = None,
+    out: Annotated[Path | None, results_option("results/<SWEEP's stem>-sweep")] = None,
     workers: Annotated[
         int | None,
         typer.Option(metavar="N", min=1, help="Processes.", show_default="the cores of this machine"),
@@ -59,32 +43,27 @@ def sweep(
 ) -> None:
     """Play a scenario once for each point of a grid or a sample; write sweep.csv and sweep.parquet."""
     from simulator.cli.summary_sweep import summarise_sweep, sweep_progress
-    from simulator.results.files import OutputError
-    from simulator.scenario import ScenarioError
     from simulator.sweep import ExecutorError, read_sweep, run_sweep
     from simulator.sweep.storage import stored, tally
 
     directory = Path("results") / f"{sweep.stem}-sweep" if out is None else out
-    try:
+    with errors_reported(lambda: f"interrupted; {_kept(directory)}"):
         read = read_sweep(sweep)
-        with _cluster(dask) as (executor, cores), sweep_progress(quiet=quiet) as progress:
-            result = run_sweep(
-                read,
-                directory,
-                workers=workers or cores,
-                executor=executor,
-                resume=resume,
-                chunk=chunk,
-                progress=progress,
-            )
+        try:
+            with _cluster(dask) as (executor, cores), sweep_progress(quiet=quiet) as progress:
+                result = run_sweep(
+                    read,
+                    directory,
+                    workers=workers or cores,
+                    executor=executor,
+                    resume=resume,
+                    chunk=chunk,
+                    progress=progress,
+                )
+        except ExecutorError as error:
+            fail(f"{error}\n{_kept(directory)}", SOLVER_FAILED)
         if not quiet:
             summarise_sweep(read.title, result, *tally(stored(directory)))
-    except (ScenarioError, OutputError) as error:
-        _fail(str(error), 2)
-    except ExecutorError as error:
-        _fail(f"{error}\n{_kept(directory)}", 3)
-    except KeyboardInterrupt:
-        _fail(f"interrupted; {_kept(directory)}", 130)
 
 
 def draw_map(
@@ -124,12 +103,12 @@ def draw_map(
     quiet: Quiet = False,
 ) -> None:
     """Draw a sweep as a map: what happens, or any other column, over two of its keys."""
-    from simulator.results.files import OutputError, write_files
-    from simulator.sweep.picking import PickError, fold_line, pick
+    from simulator.results.files import write_files
+    from simulator.sweep.picking import fold_line, pick
     from simulator.sweep.picking import mark as point
 
     picture = directory / "map.png" if out is None else out
-    try:
+    with errors_reported():
         held = [(key, value) for key, _, value in (text.partition("=") for text in at or ())]
         picked = pick(directory, x, y, color, panels, held)
         lines = [fold_line(text, x, y) for text in fold or ()]
@@ -148,9 +127,7 @@ def draw_map(
             log=picked.log,
             title=picked.title if title is None else title,
         )
-        write_files(picture.parent, {picture.name: lambda stream: stream.write(content)})
-    except (PickError, OutputError) as error:
-        _fail(str(error), 2)
+        write_files(picture.parent, {picture.name: content})
     if not quiet:
         print(f"files    {picture.parent}: {picture.name}")
 
@@ -159,34 +136,24 @@ def optimize(
     question: Annotated[
         Path, typer.Argument(metavar="FILE", help="What to optimise (TOML).", show_default=False)
     ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR", help="Where the results go.", show_default="results/<FILE's stem>-optimum"
-        ),
-    ] = None,
+    out: Annotated[Path | None, results_option("results/<FILE's stem>-optimum")] = None,
     quiet: Quiet = False,
 ) -> None:
     """Find the run that makes one column largest or smallest under conditions; write optimum.csv."""
     from simulator.cli.summary_sweep import count_progress, summarise_optimum
-    from simulator.results.files import OutputError, check_writable
-    from simulator.scenario import ScenarioError
+    from simulator.results.files import check_writable
     from simulator.sweep.optimum import OPTIMUM_FILES, read_question
     from simulator.sweep.optimum import optimize as search
 
     directory = Path("results") / f"{question.stem}-optimum" if out is None else out
-    try:
+    with errors_reported():
         asked = read_question(question)
         check_writable(directory, OPTIMUM_FILES)
         with count_progress(quiet=quiet) as progress:
             found = search(asked, progress=progress)
         paths = found.to_csv(directory)
-    except (ScenarioError, OutputError) as error:
-        _fail(str(error), 2)
-    except KeyboardInterrupt:
-        _fail("interrupted, nothing written", 130)
     if found.row is None:
-        _fail(f"none of {len(found.runs):,} runs meets the conditions; all are in {paths[-1]}", 3)
+        fail(f"none of {len(found.runs):,} runs meets the conditions; all are in {paths[-1]}", SOLVER_FAILED)
     if not quiet:
         summarise_optimum(found, paths)
 
@@ -197,13 +164,13 @@ def _cluster(address: str | None) -> Iterator[tuple[Executor | None, int | None]
     if address is None:
         yield None, None
         return
-    from simulator.sweep.cluster import MissingExtra, connected
+    from simulator.sweep.cluster import connected
 
     try:
         with connected(address) as found:
             yield found
-    except (MissingExtra, ConnectionError) as error:
-        _fail(str(error), 2)
+    except ConnectionError as error:
+        fail(str(error), BAD_INPUT)
 
 
 def _kept(directory: Path) -> str:
@@ -217,8 +184,3 @@ def _kept(directory: Path) -> str:
         return "nothing written"
     done = store.rows_of(store.done())
     return f"{done:,} of {store.size:,} runs are in {directory}; --resume goes on with them"
-
-
-def _fail(message: str, code: int) -> NoReturn:
-    print(f"balloons: {message}", file=sys.stderr)
-    raise typer.Exit(code)

@@ -10,17 +10,29 @@ from simulator.model.contents import Contents
 from simulator.model.device import Device
 from simulator.model.drive import Way
 from simulator.model.equations import OpenBalloon, SealedBalloons
+from simulator.model.strength import Strength
 
 AnyEquations = SealedBalloons | OpenBalloon
+Alike = tuple[AnyEquations, tuple[Strength | None, ...]]
 
 
 @dataclass(frozen=True)
 class Group:
-    """Balloons that move together: their equations, what can end a branch of theirs, and which they are."""
+    """Balloons that move together: their equations, what can end a branch of theirs, and which they are.
+
+    `strengths` are those of the films that a voltage drives, None where there is none. Two groups have the
+    same branches, with the same ends, where they are equal in them and in the equations; `alike` is both.
+    """
 
     equations: AnyEquations
     conditions: tuple[Condition, ...]
     members: tuple[int, ...]
+    strengths: tuple[Strength | None, ...] = ()
+
+    @property
+    def alike(self) -> Alike:
+        """What groups with the same branches have in common, to be compared."""
+        return self.equations, self.strengths
 
 
 def inflating(device: Device, held: Way) -> list[Group]:
@@ -55,4 +67,8 @@ def held_open(device: Device, way: Way, *, pressure: float) -> list[Group]:
 
 def _group(device: Device, equations: AnyEquations, members: Sequence[int]) -> Group:
     strength = dict(zip(device.electroded, device.strength, strict=True))
-    return Group(equations, conditions(equations, [strength.get(i) for i in members]), tuple(members))
+    strengths = tuple(
+        None if membrane.drive is None else strength.get(i)
+        for i, membrane in zip(members, equations.membranes, strict=True)
+    )
+    return Group(equations, conditions(equations, strengths), tuple(members), strengths)

@@ -1,6 +1,6 @@
 """The immutable result of a trace: an equilibrium path as points in order, and its special points.
 
-Like `history`, nothing is computed here, and tables, files and pictures are doors.
+As in `history`, nothing is computed here; tables and pictures are imported when they are asked for.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+from simulator.results.equality import same
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SpecialPoint:
     """A point of an equilibrium path that has a name.
 
@@ -51,10 +53,19 @@ class SpecialPoint:
     balloon: str | None = None
     mode: str | None = None
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, SpecialPoint) and same(self, other)
 
-@dataclass(frozen=True)
+    def __hash__(self) -> int:
+        return hash((self.kind, self.arclength))
+
+
+@dataclass(frozen=True, repr=False, eq=False)
 class Curve:
     """An equilibrium path, stable and unstable parts alike, as points in order of arclength.
+
+    Two curves are equal where all their points are. In a notebook a curve shows its special points and its
+    picture.
 
     Attributes
     ----------
@@ -103,6 +114,21 @@ class Curve:
 
     def __len__(self) -> int:
         return int(self.arclength.size)
+
+    def __repr__(self) -> str:
+        kinds = ", ".join(point.kind for point in self.points)
+        return f"<Curve {self.title!r}: {len(self):,} points; {kinds}>"
+
+    def _repr_html_(self) -> str:
+        from simulator.results.html import curve_html
+
+        return curve_html(self)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Curve) and same(self, other, but=("ida_steps",))
+
+    def __hash__(self) -> int:
+        return hash((self.title, len(self)))
 
     @property
     def end(self) -> SpecialPoint:

@@ -17,7 +17,7 @@ class OutputError(OSError):
 
 
 def write_files(
-    directory: str | os.PathLike[str], writers: Mapping[str, Callable[[BinaryIO], object]]
+    directory: str | os.PathLike[str], contents: Mapping[str, bytes | Callable[[BinaryIO], object]]
 ) -> list[Path]:
     """Write several files into a directory so that each is either complete or not there.
 
@@ -30,30 +30,35 @@ def write_files(
     ----------
     directory : path
         Created if need be.
-    writers : dict of file name to function
-        Each is called with a binary stream to write its file to. Names may lead into
-        folders of the directory.
+    contents : mapping of file name to bytes or callable
+        What goes into each file; a callable is called with a binary stream to write it to. Names may lead
+        into folders of the directory.
 
     Returns
     -------
     list of Path
+        The files, in the order of `contents`.
 
     Raises
     ------
     OutputError
+        If the directory cannot be made or written to. What was there before is then still there.
     """
     directory = Path(directory)
     temporary: dict[Path, Path] = {}
     made: list[Path] = []
     try:
         _make_directory(directory, made)
-        _refuse_directories(directory, tuple(writers))
-        for name, write in writers.items():
+        _refuse_directories(directory, tuple(contents))
+        for name, content in contents.items():
             target = directory / name
             _make_directory(target.parent, made)
             temporary[target] = _temporary_name(target)
             with open(temporary[target], "xb") as stream:
-                write(stream)
+                if isinstance(content, bytes):
+                    stream.write(content)
+                else:
+                    content(stream)
                 stream.flush()
                 os.fsync(stream.fileno())
         for target, source in temporary.items():

@@ -1,7 +1,7 @@
 """The immutable result of a run: samples, events and how it ended.
 
-Nothing is computed here. `to_dataframe`, `to_csv` and `plot` are doors: each imports the room
-behind it (`export`, `plot`) when it is called, so that a run which needs no table loads no pandas.
+Nothing is computed here. `to_dataframe`, `to_csv` and `plot` import what they need (`tables`, `plot`) when
+they are called, so that a run which needs no table loads no pandas.
 All quantities are dimensionless, see `docs/physics.md`.
 """
 
@@ -9,18 +9,20 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simulator.events import SHAPE_EVENTS, EventKind, Outcome
+from simulator.results.equality import same
 
 if TYPE_CHECKING:
     from os import PathLike
     from pathlib import Path
 
     import pandas as pd
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from simulator.results.shapes import ShapeVerdict
@@ -43,7 +45,7 @@ __all__ = [
 _BROKEN = 1e-9  # a margin that is zero to the accuracy of a flow
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False, eq=False)
 class Event:
     """One event with both sides of its jump; the `after` side is None where the history ends.
 
@@ -78,6 +80,16 @@ class Event:
     dissipated: float | None
     balloon: str | None = None
     mode: str | None = None
+
+    def __repr__(self) -> str:
+        place = ", ".join(f"{v:.6g}" for v in self.voltage)
+        return f"<Event {self.kind.value} at time {self.time:.6g}, voltage [{place}]>"
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Event) and same(self, other)
+
+    def __hash__(self) -> int:
+        return hash((self.time, self.step, self.kind))
 
 
 @dataclass(frozen=True)
@@ -148,9 +160,12 @@ class SolverStatistics:
     seconds: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False, eq=False)
 class History:
     """Samples, events and outcome of one run.
+
+    Two histories are equal where their scenarios, samples and events are, whatever they cost. In a notebook a
+    history shows its events and its picture.
 
     Attributes
     ----------
@@ -206,6 +221,96 @@ class History:
 
     def __len__(self) -> int:
         return int(self.time.size)
+
+    def __repr__(self) -> str:
+        count = len(self.events)
+        return (
+            f"<History {self.scenario.title!r}: {self.outcome.value}, {len(self):,} samples, "
+            f"{count} event{'' if count == 1 else 's'}>"
+        )
+
+    def _repr_html_(self) -> str:
+        from simulator.results.html import history_html
+
+        return history_html(self)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, History) and same(self, other, but=("statistics",))
+
+    def __hash__(self) -> int:
+        return hash((self.outcome, len(self), self.events))
+
+    def __getitem__(self, column: str) -> NDArray[Any]:
+        """One column of `history.csv` by its name, (n_samples,): `history["stretch_active"]`.
+
+        Raises
+        ------
+        KeyError
+            If there is no such column.
+        """
+        from simulator.results.columns import history_columns
+
+        columns = history_columns(self)
+        if column not in columns:
+            raise KeyError(f"{column!r} is no column, has {', '.join(columns)}")
+        return columns[column]
+
+    def si(self, quantity: str) -> NDArray[Any]:
+        """A column in its SI unit, (n_samples,): `history.si("pressure")` in Pa.
+
+        Raises
+        ------
+        KeyError
+            If the scenario has no [scales], or the column no unit.
+        """
+        from simulator.results.columns import history_columns
+
+        columns = history_columns(self)
+        for name, values in columns.items():
+            if name.startswith(f"{quantity} ["):
+                return values
+        known = [name.partition(" [")[0] for name in columns if " [" in name]
+        raise KeyError(
+            f"{quantity!r} has no SI unit here, " + (f"have {', '.join(known)}" if known else "no [scales]")
+        )
+
+    def at(self, time: float) -> dict[str, float]:
+        """The columns of `history.csv` at one time, linear between samples.
+
+        At the time of an event it is the state after it.
+
+        Parameters
+        ----------
+        time : float
+            From the first to the last sample.
+
+        Returns
+        -------
+        dict of str to float
+
+        Raises
+        ------
+        ValueError
+            If the history does not reach so far.
+        """
+        from simulator.results.columns import history_columns
+
+        if not len(self) or not self.time[0] <= time <= self.time[-1]:
+            span = f"from {self.time[0]:g} to {self.time[-1]:g}" if len(self) else "nothing"
+            raise ValueError(f"time {time:g} is not in the history, which has {span}")
+        after = int(np.searchsorted(self.time, time, side="right"))
+        first = after - 1
+        last = min(after, len(self) - 1)
+        width = self.time[last] - self.time[first]
+        share = (time - self.time[first]) / width if width > 0.0 else 0.0
+        found = {}
+        for name, values in history_columns(self).items():
+            whole = values.dtype.kind != "f"
+            found[name] = float(
+                values[first] if whole else values[first] + share * (values[last] - values[first])
+            )
+        found["time"] = float(time)
+        return found
 
     @property
     def elastomers(self) -> dict[str, str]:
@@ -278,8 +383,18 @@ class History:
 
         return write_run(self, directory)
 
-    def plot(self) -> Figure:
-        """Draw the drive and stretches in time, and the stretch–voltage loop with its snaps dashed."""
-        from simulator.results.plot import plot_history
+    @overload
+    def plot(self) -> Figure: ...
+    @overload
+    def plot(self, ax: Axes) -> Axes: ...
+    def plot(self, ax: Axes | None = None) -> Figure | Axes:
+        """Draw the drive and stretches in time, and the stretch–voltage loop with its snaps dashed.
 
-        return plot_history(self)
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Draw the loop alone, into these axes, and return them.
+        """
+        from simulator.results.plot import plot_history, plot_loop
+
+        return plot_history(self) if ax is None else plot_loop(self, ax)

@@ -1,6 +1,6 @@
 """What the user wrote: a scenario file, validated and frozen. No physics happens here.
 
-`load_scenario` is the only door. It reads the grammar of `docs/scenario-format.md` and either returns a
+`load_scenario` reads the grammar of `docs/scenario-format.md` and either returns a
 `Scenario` or raises one `ScenarioError` that lists every problem in the words of the file. Each field says
 in its `description` what it allows; the messages are made from these, so the two cannot drift apart.
 """

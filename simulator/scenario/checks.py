@@ -28,6 +28,7 @@ from simulator.scenario.steps import (
 )
 
 MAX_SAMPLES = 10_000_000
+MAX_CYCLES = 1_000_000  # of sines and triangles; each is a few smooth pieces, and all are in memory at once
 
 
 class Parts(Protocol):
@@ -57,6 +58,7 @@ def disagreements(scenario: Parts) -> Iterator[Problem]:
     for key, step in numbered(scenario.steps, "step"):
         if not isinstance(step, Inflate | Hold | Cycle):
             yield from _of_drive(scenario, key, step, names)
+    yield from _too_many_cycles(scenario.steps)
     gas = scenario.gas
     if "exponent" in gas.model_fields_set and gas.law != "adiabatic":
         yield Problem("gas.exponent", gas.exponent, f'needs law = "adiabatic", is {gas.law}')
@@ -149,6 +151,29 @@ def _never(
         yield Problem(f"{key}.pressure", ends.pressure, "needs the valve closed, open it keeps the pressure")
 
 
+def _too_many_cycles(steps: Sequence[Step]) -> Iterator[Problem]:
+    """The wave that has the most cycles, where there are too many in all."""
+    cycles = dict(_cycles(steps, "step", 1.0))
+    if cycles and sum(cycles.values()) > MAX_CYCLES:
+        key = max(cycles, key=lambda wave: cycles[wave])
+        step = next(step for name, step in numbered(steps, "step") if name == key.rpartition(".")[0])
+        wave = step.sine if isinstance(step, Sine) else step.triangle  # type: ignore[union-attr]
+        allowed = f"must be at most {MAX_CYCLES:,} cycles of sines and triangles over the whole scenario"
+        yield Problem(f"{key}.cycles", wave.cycles, allowed)
+
+
+def _cycles(steps: Iterable[Step], prefix: str, played: float) -> Iterator[tuple[str, float]]:
+    """The key of every sine and triangle, and its cycles over all the times that it is played."""
+    for number, step in enumerate(steps, start=1):
+        key = f"{prefix}.{number}"
+        if isinstance(step, Cycle):
+            yield from _cycles(step.steps, f"{key}.steps", played * min(step.cycle, MAX_SAMPLES + 1))
+        elif isinstance(step, Sine):
+            yield f"{key}.sine", played * step.sine.cycles
+        elif isinstance(step, Triangle):
+            yield f"{key}.triangle", played * step.triangle.cycles
+
+
 def _samples(steps: Iterable[Step], output: Output) -> float:
     total = 0.0
     for step in steps:
@@ -158,5 +183,7 @@ def _samples(steps: Iterable[Step], output: Output) -> float:
         elif isinstance(step, Jump):
             total += 2
         else:
-            total += output.points if output.every is None else duration(step) / output.every + 1
+            # As for a cycle: whole numbers of a file have any number of digits.
+            points = min(output.points, MAX_SAMPLES + 1)
+            total += points if output.every is None else duration(step) / output.every + 1
     return total

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, PrivateAttr, TypeAdapter, Validation
 
 from simulator.scenario.checks import disagreements
 from simulator.scenario.device import Balloon, Gas
-from simulator.scenario.elastomer import Elastomer
+from simulator.scenario.elastomer import Elastomer, Python
 from simulator.scenario.errors import Problem, ScenarioError
 from simulator.scenario.fields import Frozen, Text, not_empty
 from simulator.scenario.mapping import near, quantities, with_values
@@ -131,6 +131,9 @@ class Scenario(Frozen):
         >>> higher = scenario.with_values({"gas.ambient_pressure": 0.2, "step.2.ramp": 0.5})
         """
         written = self.to_dict()
+        for table, balloon in zip(written["balloon"], self.balloons, strict=True):
+            if isinstance(balloon.elastomer, Python):  # a file could only name it
+                table["elastomer"] = balloon.elastomer.elastomer
         try:
             changed = with_values(written, values)
         except KeyError as error:
@@ -197,8 +200,20 @@ def load_scenario(source: ScenarioLike) -> Scenario:
     return _validated(data, file, folder)
 
 
+# Keys that say that a file is of another kind.
+_OTHER_FILES = {
+    "maximize": ("an optimum", "optimize"),
+    "minimize": ("an optimum", "optimize"),
+    "vary": ("a sweep", "sweep"),
+}
+
+
 def _validated(data: Mapping[str, Any], file: str, folder: str) -> Scenario:
     """The scenario of a mapping; tables are sought from a folder."""
+    for key, (kind, command) in _OTHER_FILES.items():
+        if key in data:
+            allowed = f"belongs to {kind}, not to a scenario; {kind} is played with `balloons {command}`"
+            raise ScenarioError(file, Problem(key, None, allowed))
     try:
         scales = scales_of(data["scales"]) if data.get("scales") is not None else None
         scenario = Scenario.model_validate(data, context={"file": file, "folder": folder, "scales": scales})

@@ -250,6 +250,8 @@ _MODELS: dict[str, type[AnyLaw]] = {
 }
 
 _A_TABLE = 'must be a table such as { model = "gent", J_lim = 100 } or { preset = "VHB-4910" }'
+_OF_AN_OBJECT = ("energy", "pole_form", "pole_form_slope", "stretch_limit")
+_WRITTEN = (str, bool, int, float, list, tuple, Mapping, type(None))  # what a file can hold
 
 
 def _elastomer(value: Any, info: ValidationInfo) -> AnyLaw | Preset | Python:
@@ -264,9 +266,14 @@ def _elastomer(value: Any, info: ValidationInfo) -> AnyLaw | Preset | Python:
             if not isinstance(preset, str) or preset not in PRESETS:
                 raise refused(f"must be {_one_of(PRESETS)}", preset, "preset")
             return Preset.model_validate(value)
-    if callable(getattr(value, "pole_form", None)):
-        return Python(elastomer=value)
-    raise refused(_A_TABLE, value)
+    if isinstance(value, _WRITTEN):
+        raise refused(_A_TABLE, value)
+    missing = [name for name in _OF_AN_OBJECT if not hasattr(value, name)]
+    if missing:
+        lacks = "" if len(missing) == len(_OF_AN_OBJECT) else f", lacks {', '.join(missing)}"
+        names = f"{', '.join(_OF_AN_OBJECT)} (see simulator.model.elastomers.Elastomer)"
+        raise refused(f"{_A_TABLE}, or an object with {names}{lacks}", value)
+    return Python(elastomer=value)
 
 
 def _one_of(names: Mapping[str, object]) -> str:

@@ -1,4 +1,4 @@
-"""Kinds of fields, and how a broken one is told: messages are made from the fields' own descriptions."""
+"""Kinds of fields, and what a wrong one is reported as: messages come from the fields' own descriptions."""
 
 from __future__ import annotations
 
@@ -76,7 +76,18 @@ class Measured:
 
 # A field declares what it measures by being one of these, or by a `Measured` of its own; nothing else is
 # needed for it to accept units.
-Time = Annotated[Positive, Measured(units.TIME)]
+SHORTEST, LONGEST = 1e-100, 1e100
+
+
+def _representable(time: float) -> float:
+    # Sums and ratios of such times are finite, whatever the scenario does with them.
+    if not SHORTEST <= time <= LONGEST:
+        text = "must be a number from 1e-100 to 1e100"
+        raise PydanticCustomError("refused", "{text}", {"text": text})
+    return time
+
+
+Time = Annotated[Positive, Measured(units.TIME), AfterValidator(_representable)]
 
 Radius = Annotated[Positive, Measured(units.RADIUS)]
 
@@ -114,7 +125,7 @@ def absolute(path: str, info: ValidationInfo) -> str:
 
 @dataclass(frozen=True)
 class Chosen:
-    """Marks a union whose branch `function` chooses, so that only errors of that branch are told."""
+    """Marks a union whose branch `function` chooses, so that only errors of that branch are reported."""
 
     function: Callable[[Any, ValidationInfo], Any]
 
@@ -138,7 +149,7 @@ def by_name(kind: Any) -> Callable[[Any, ValidationInfo], float | dict[str, floa
 
 
 class Frozen(BaseModel):
-    """A table of the file; its problems are told in the words of the file."""
+    """A table of the file; its problems are reported in the words of the file."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -194,6 +205,8 @@ def _in_our_words(error: ErrorDetails, model: type[BaseModel]) -> InitErrorDetai
             text = f"{text}; {found['reason']}" if found["reason"] else text
         case "finite_number":
             text = text.replace("a number", "a finite number")
+        case "tuple_type" if isinstance(value, Mapping) and f"[[{loc[0]}]]" in text:
+            text = f"{text}; [{loc[0]}] is a single table, write [[{loc[0]}]]"
         case "value_error":  # a table that cannot be read
             loc, value, text = ("table",), value["table"], str(error["ctx"]["error"])
     return _line(text, value, loc)

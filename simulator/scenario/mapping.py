@@ -6,7 +6,6 @@ number from 1. The mapping is taken as it is, so a key that the grammar gains ne
 
 from __future__ import annotations
 
-import copy
 import difflib
 import re
 from collections.abc import Iterator, Mapping
@@ -31,20 +30,34 @@ def with_values(scenario: Mapping[str, Any], values: Mapping[str, Any]) -> dict[
     KeyError
         If a key leads nowhere; its argument is the key.
     """
-    changed: dict[str, Any] = copy.deepcopy(dict(scenario))
+    changed: dict[str, Any] = _copied(scenario)
     for key, value in values.items():
         for table, name in _places(changed, key):
-            number = isinstance(value, float) and value.is_integer()
-            old = _in(table, name)
-            # A whole number stays one: `cycle = 3` may not become 3.0.
-            whole = number and isinstance(old, int) and not isinstance(old, bool)
-            table[name] = int(value) if whole else value
+            table[name] = _whole(value) if _may_be_whole(_in(table, name)) else value
     return changed
+
+
+def _may_be_whole(old: Any) -> bool:
+    """Whether a key may hold a whole number that may not become a float: `cycle = 3`, not 3.0."""
+    return old is None or (isinstance(old, int) and not isinstance(old, bool))
+
+
+def _whole(value: Any) -> Any:
+    """A float without a fraction as a whole number; a key that holds a float takes either."""
+    exact = isinstance(value, float) and value.is_integer() and abs(value) < 2.0**53
+    return int(value) if exact else value
+
+
+def _copied(value: Any) -> Any:
+    """Tables and lists of a mapping, anew; what they hold, as it is."""
+    if isinstance(value, Mapping):
+        return {key: _copied(item) for key, item in value.items()}
+    return [_copied(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def value_at(scenario: Mapping[str, Any], key: str) -> Any:
     """The value of a key in a scenario's mapping, None where it is not written. Raises KeyError."""
-    return _in(*next(_places(copy.deepcopy(dict(scenario)), key)))
+    return _in(*next(_places(_copied(scenario), key)))
 
 
 def _in(table: Any, name: Any) -> Any:
@@ -114,10 +127,11 @@ def collect(value: Any, prefix: str, found: dict[str, Any]) -> None:
 
 def near(key: str, known: Mapping[str, Any]) -> str:
     """The known keys most like an unknown one, as words for a message."""
-    like = difflib.get_close_matches(key, known, n=3, cutoff=0.6)
+    others = [other for other in known if other != key]
+    like = difflib.get_close_matches(key, others, n=3, cutoff=0.6)
     if not like:
         last = key.rpartition(".")[2]
-        like = [other for other in known if other.rpartition(".")[2] == last][:3]
+        like = [other for other in others if other.rpartition(".")[2] == last][:3]
     return (
         f"did you mean {' or '.join(like)}?"
         if like

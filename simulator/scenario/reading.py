@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import re
 import tomllib
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,7 @@ from numpy.typing import NDArray
 
 from simulator import units
 from simulator.scenario.errors import short
+from simulator.scenario.fields import LONGEST
 from simulator.units import Scales
 
 _COLUMN = re.compile(r"(time|voltage|stretch|pressure|stress)(?:\s*\[([^\[\]]*)\])?")
@@ -33,12 +36,32 @@ def read_toml(file: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise ValueError(f"must be TOML: {error}") from None
+        raise ValueError(f"must be TOML: {error}{_hint(str(error), text)}") from None
+
+
+_BARE_QUANTITY = re.compile(r"([\w.-]+)\s*=\s*([-+]?\d[\d.]*(?:[eE][-+]?\d+)?\s*[^\W\d][\w/^*]*)")
+_BARE_WORD = re.compile(r"([\w.-]+)\s*=\s*(?!(?i:true|false|inf|nan)\b)([^\W\d][^,\]}\"'=]*)")
+
+
+def _hint(message: str, text: str) -> str:
+    """What most probably is meant where a file is no TOML: double brackets, or quotes that are missing."""
+    if twice := re.match(r"Cannot declare \('(balloon|step)',\) twice", message):
+        return f"; several tables are written [[{twice[1]}]], each of them"
+    where = re.search(r"\(at line (\d+),", message)
+    lines = text.splitlines()
+    line = lines[int(where[1]) - 1] if where and int(where[1]) <= len(lines) else ""
+    line = line.partition("#")[0]
+    if found := _BARE_QUANTITY.search(line):
+        return f'; a number with a unit stands in quotes: {found[1]} = "{found[2].strip()}"'
+    if found := _BARE_WORD.search(line):
+        return f'; a text stands in quotes: {found[1]} = "{found[2].strip()}"'
+    return ""
 
 
 def read_table(path: str, scales: Scales | None) -> bytes:
     """Times, then voltages, as float64, dimensionless."""
-    rows, columns = _two_columns(path, (("time", "voltage"),), 2, scales)[1:]
+    units_hint = " or, with units, time [s],voltage [kV]" if scales else ""
+    rows, columns = _two_columns(path, (("time", "voltage"),), 2, partial(_factor, scales), units_hint)[1:]
     times = columns[0]
     starts = np.arange(times.size) == 0
     _refuse(
@@ -46,13 +69,14 @@ def read_table(path: str, scales: Scales | None) -> bytes:
         ("must be two finite numbers", ~np.isfinite(columns).all(axis=0)),
         ("time must start at 0", starts & (times != 0.0)),
         ("time must increase", ~starts & (times <= np.roll(times, 1))),
+        ("time must be at most 1e100", times > LONGEST),
     )
     return columns.tobytes()
 
 
 def read_curve(path: str) -> bytes:
     """Stretches, then f(λ), as float64, from stretches and either pressures p = f/λ² or stresses f/2."""
-    name, rows, columns = _two_columns(path, (("stretch", "pressure"), ("stretch", "stress")), 6, None)
+    name, rows, columns = _two_columns(path, (("stretch", "pressure"), ("stretch", "stress")), 6, _no_unit)
     stretches, values = columns
     starts = np.arange(stretches.size) == 0
     _refuse(
@@ -71,9 +95,16 @@ _Row = tuple[int, str]
 
 
 def _two_columns(
-    path: str, headers: tuple[tuple[str, str], ...], fewest: int, scales: Scales | None
+    path: str,
+    headers: tuple[tuple[str, str], ...],
+    fewest: int,
+    factor: Callable[[str, str], float],
+    units_hint: str = "",
 ) -> tuple[str, list[_Row], NDArray[np.float64]]:
-    """Name of the second column, numbered rows as text, and (2, n) numbers in the order of the names."""
+    """Name of the second column, numbered rows as text, and (2, n) numbers in the order of the names.
+
+    `factor` says what the numbers of a column are multiplied by, of its name and the unit in its title.
+    """
     # Two numbers a row need no csv module, and 1e5 rows are read in half the time without it.
     rows = [(number, row) for number, row in enumerate(_read_text(path).splitlines(), start=1) if row.strip()]
     header = [cell.strip(' "') for cell in rows[0][1].split(",")] if rows else []
@@ -82,9 +113,8 @@ def _two_columns(
     names = next((names for names in headers if sorted(titles) == sorted(names)), None)
     if names is None:
         found = f"has {short(rows[0][1])}" if rows else "is empty"
-        or_units = " or, with units, time [s],voltage [kV]" if scales else ""
-        raise ValueError(f"must have the header {' or '.join(map(','.join, headers))}{or_units}, {found}")
-    factors = [_factor(cell[1], cell[2], scales) for cell in cells if cell]
+        raise ValueError(f"must have the header {' or '.join(map(','.join, headers))}{units_hint}, {found}")
+    factors = [1.0 if cell[2] is None else factor(cell[1], cell[2]) for cell in cells if cell]
     if len(rows := rows[1:]) < fewest:
         count = {2: "two", 6: "six"}[fewest]
         raise ValueError(f"must have at least {count} rows below the header, has {len(rows)}")
@@ -109,10 +139,15 @@ def _two_numbers(row: str) -> tuple[float, float]:
         return math.nan, math.nan
 
 
-def _factor(name: str, unit: str | None, scales: Scales | None) -> float:
-    """What the numbers of a column are to be multiplied by."""
-    if unit is None:
-        return 1.0
+def _no_unit(name: str, unit: str) -> float:
+    """The refusal of a unit in a measured curve. Raises ValueError."""
+    over = {"stress": "the shear modulus of the wall", "pressure": "μH/R of the balloon"}.get(name)
+    means = f"must be the {name} over {over}, without a unit" if over else "must have no unit"
+    raise ValueError(f"header {name} [{short(unit)}]: {means}")
+
+
+def _factor(scales: Scales | None, name: str, unit: str) -> float:
+    """What the numbers of a column with a unit are multiplied by. Raises ValueError."""
     if scales is None:
         raise ValueError(f"header {name} [{short(unit)}]: a unit needs [scales]")
     dimension = units.QUANTITIES[name]

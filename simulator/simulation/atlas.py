@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from simulator.events import EventKind
 from simulator.model.drive import Waveform
-from simulator.model.groups import AnyEquations, Group
+from simulator.model.groups import Alike, AnyEquations, Group
 from simulator.solver import flow
 from simulator.solver.branch import Branch, BranchEnd, beside
 from simulator.solver.follow import PathError
@@ -98,16 +98,16 @@ class Response:
 
 @dataclass
 class Atlas:
-    """The branches known in a run, by their equations, and what it cost to find them."""
+    """The branches known in a run, by what groups have alike, and what it cost to find them."""
 
     rtol: float
     effort: Effort = field(default_factory=Effort)
-    branches: dict[AnyEquations, list[Branch]] = field(default_factory=dict)
+    branches: dict[Alike, list[Branch]] = field(default_factory=dict)
     exits: dict[tuple[int, float], Exit] = field(default_factory=dict)
 
     def branch_at(self, group: Group, state: FloatArray) -> Branch:
         """The branch through a stable state: a known one if it is on one."""
-        known = self.branches.setdefault(group.equations, [])
+        known = self.branches.setdefault(group.alike, [])
         v = float(state[-1])
         for branch in known:
             low, high = branch.known_range()
@@ -186,7 +186,7 @@ class Atlas:
         """
         equations, others = group.equations, group.conditions[1:]
         here = Exit(EventKind.BRANCH_POINT, point, flow.Rest(point, None))
-        known = self.branches[equations]
+        known = self.branches[group.alike]
         for branch in known:
             # Where the history came from when it passed here in the other sense.
             end = branch.upper if direction < 0.0 else branch.lower

@@ -15,7 +15,7 @@ from simulator import units
 from simulator.model.conditions import shape_conditions
 from simulator.model.device import Device
 from simulator.model.strength import PowerStrength
-from simulator.scenario import Charge, Hold, Inflate, Jump, duration, until_of
+from simulator.scenario import Charge, Hold, Inflate, Jump, duration, load_scenario, until_of
 from simulator.simulation import motion
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from simulator.model.drive import Leg, Way
     from simulator.model.groups import Group
-    from simulator.scenario import ConstantBreakdown, PlayedStep, PowerBreakdown, Scenario
+    from simulator.scenario import ConstantBreakdown, PlayedStep, PowerBreakdown, Scenario, ScenarioLike
     from simulator.units import Scales
 
 _MOST_STEPS = 24
@@ -37,19 +37,30 @@ _SAME_VOLTAGE = 1e-15  # what rounding leaves of a sine
 _UNKNOWN = 0.123456789  # a voltage or charge that only a run can tell, and nobody asks for
 
 
-def explain(scenario: Scenario) -> str:
+def explain(scenario: ScenarioLike) -> str:
     """Unknowns, equations, events and smooth pieces of every step, and what a scenario leaves out.
 
     Parameters
     ----------
-    scenario : Scenario
+    scenario : Scenario, path or mapping
+        From `load_scenario`, or what that takes.
 
     Returns
     -------
     str
         Plain text, several lines.
+
+    Raises
+    ------
+    ScenarioError
+        If the scenario makes no sense.
+
+    Examples
+    --------
+    >>> print(explain("scenarios/fig5b_state_b.toml").splitlines()[0])
+    Fig. 5b, state B: a snap that stays after switch-off
     """
-    return "\n".join(_lines(scenario))
+    return "\n".join(_lines(load_scenario(scenario)))
 
 
 class Assembled(NamedTuple):

@@ -33,7 +33,7 @@ from simulator.solver.segment import (
 
 FloatArray = NDArray[np.float64]
 
-NOISE = 1e-12  # of margins: no event is told from less
+NOISE = 1e-12  # of margins: what is smaller may be rounding
 _SEEN = 0.7  # cosine, between a chord and the tangents at its ends, that is straight ahead
 _MOVED = 0.2  # over the length of an interval: how far polishing may move a point
 _MOST_ROUNDS = 60  # an interval halved as often is shorter than rounding
@@ -316,7 +316,7 @@ def _read(values: FloatArray, *, ends_at_zero: bool) -> tuple[Places, FloatArray
     for i in {0, len(values) - 1}:
         first = int(i == 0 and abs(values[0, 0]) <= NOISE)
         stop = _AT.size - int(i == len(values) - 1 and ends_at_zero)
-        if stop - first < _AT.size and high[i] > NOISE:  # else nothing is told from so little
+        if stop - first < _AT.size and high[i] > NOISE:  # else it is too small to be judged
             divided[i] = first, stop
             near[i] = True
     places = np.flatnonzero(near)

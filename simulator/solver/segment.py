@@ -37,6 +37,7 @@ _LAST_COEFFICIENTS = np.stack(
     axis=1,
 )
 _WORK_ERROR = 1e-10  # of the work of an interval, over that of the segment
+_POTENTIAL_NOISE = 1e-14  # of a potential: its rounding
 _MOST_HALVINGS = 6
 RATES = 1e-12  # accuracy of the speeds at the Gauss points, well below that of the work
 STRAIGHT = 1e-6  # in scaled unknowns: the length of a chord that is the curve to rounding
@@ -168,15 +169,22 @@ class Segment:
         return segment
 
     def _coarse(self, equations: Equations) -> Places:
-        """Intervals over which the quadrature of the work is not right yet."""
+        """Intervals over which the quadrature of the work is not right yet.
+
+        Either the integrand's own Legendre coefficients say so, or, where it is not smooth (at the rows of a
+        measured curve, beside a branch point), what the potential lost from point to point.
+        """
         # The last two Legendre coefficients of the integrand say how fast all of them fall; what the rule
         # misses is of the order of number 2 × _COUNT.
         integrand = np.asarray(equations.drive_power(self.dense)) * self.speeds[-1]
         largest = np.max(np.abs(integrand), axis=1) + np.finfo(float).tiny
         shares = np.abs(integrand @ _LAST_COEFFICIENTS) / largest[:, None]
         falls = np.max(shares ** (1.0 / np.array([_COUNT - 2, _COUNT - 1])), axis=1)
-        whole = np.abs(integrand @ GAUSS_WEIGHTS).sum()
-        return np.flatnonzero(largest * falls ** (2 * _COUNT) > _WORK_ERROR * whole)
+        done = integrand @ GAUSS_WEIGHTS
+        whole = np.abs(done).sum()
+        potential = np.asarray(equations.potential(self.states))
+        missed = np.abs(np.diff(potential) + done) - _POTENTIAL_NOISE * np.abs(potential).max()
+        return np.flatnonzero(np.maximum(largest * falls ** (2 * _COUNT), missed) > _WORK_ERROR * whole)
 
     def work(self, equations: Equations) -> FloatArray:
         """∫ −∂Π/∂v dv over the interval between each two points, (n − 1,)."""

@@ -1,12 +1,30 @@
-"""Many runs of one scenario with some of its numbers varied: on a grid or at sample points.
+"""Many runs of one scenario with some numbers varied: on a grid, at sample points, in search of the best.
 
 `read_sweep` reads what is varied, `run_sweep` plays all runs on the cores of this machine or on any
-executor, `load_sweep` gives the results as arrays or a table. See `docs/sweep.md`.
+executor, `load_sweep` gives the results as arrays or a table. `optimize` looks for the run that makes one
+column largest or smallest. See `docs/sweep.md`.
 """
 
-from simulator.sweep.loading import load_sweep, load_table
+from simulator.sweep.loading import MissingExtra, load_sweep, load_table
+from simulator.sweep.lockstep.many import ManyRuns, simulate_many
+from simulator.sweep.optimum import Optimum, Question, optimize, read_question
 from simulator.sweep.plan import Sweep
 from simulator.sweep.reading import read_sweep
 from simulator.sweep.running import ExecutorError, SweepResult, run_sweep
 
-__all__ = ["ExecutorError", "Sweep", "SweepResult", "load_sweep", "load_table", "read_sweep", "run_sweep"]
+__all__ = [
+    "ExecutorError",
+    "ManyRuns",
+    "MissingExtra",
+    "Optimum",
+    "Question",
+    "Sweep",
+    "SweepResult",
+    "load_sweep",
+    "load_table",
+    "optimize",
+    "read_question",
+    "read_sweep",
+    "run_sweep",
+    "simulate_many",
+]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -26,7 +26,7 @@ from simulator.scenario.mapping import near
 from simulator.scenario.reading import read_toml
 from simulator.sweep.plan import Sweep
 from simulator.sweep.reading import read_sweep
-from simulator.sweep.rows import as_text, columns, play
+from simulator.sweep.rows import BEHAVIOURS, OUTCOMES, as_text, columns, play
 
 FloatArray = NDArray[np.float64]
 
@@ -179,19 +179,30 @@ class Optimum:
         )
 
 
-def read_question(source: str | os.PathLike[str] | Mapping[str, Any]) -> Question:
+QuestionLike = Question | str | os.PathLike[str] | Mapping[str, Any]
+"""A question, or what `read_question` makes one of."""
+
+
+def read_question(source: QuestionLike) -> Question:
     """Read and check what is to be optimised.
 
     Parameters
     ----------
-    source : path or mapping
-        A TOML file, or its content as a mapping; paths in it as for `read_sweep`.
+    source : path, mapping or Question
+        A TOML file, or its content as a mapping; paths in it as for `read_sweep`. A question is returned as
+        it is.
+
+    Returns
+    -------
+    Question
 
     Raises
     ------
     ScenarioError
         With every problem found: file, key, value and what is allowed.
     """
+    if isinstance(source, Question):
+        return source
     if isinstance(source, Mapping):
         file, data = "<dict>", dict(source)
     else:
@@ -224,19 +235,31 @@ def read_question(source: str | os.PathLike[str] | Mapping[str, Any]) -> Questio
     if len(found) != 1:
         wrong.append(Problem("maximize", None, "must be given, or minimize, and not both"))
     for name, condition in read.where.items():
-        there = (
-            numbers if isinstance(condition, Bounds) else {n: 0.0 for n, k in kinds.items() if k == "text"}
-        )
-        if name not in there:
-            kind = "numbers" if isinstance(condition, Bounds) else "words"
-            wrong.append(Problem(f"where.{name}", None, f"must be a column of {kind}; {near(name, there)}"))
+        wrong += _wrong_condition(name, condition, kinds)
     if wrong:
         raise ScenarioError(file, *wrong)
     ((word, column),) = found.items()
     return Question(sweep, column, -1.0 if word == "maximize" else 1.0, read.where, read.search)
 
 
-def optimize(question: Question, *, progress: Callable[[int], None] | None = None) -> Optimum:
+_WORDS = {"outcome": OUTCOMES, "behaviour": BEHAVIOURS}
+
+
+def _wrong_condition(
+    name: str, condition: Bounds | tuple[str, ...], kinds: Mapping[str, str]
+) -> Iterator[Problem]:
+    """What a condition asks that no run can fulfil: a column that is not there, or a word that none has."""
+    numbers = isinstance(condition, Bounds)
+    there = {n: 0.0 for n, kind in kinds.items() if kind in (("number", "whole") if numbers else ("text",))}
+    if name not in there:
+        what = "numbers" if numbers else "words"
+        yield Problem(f"where.{name}", None, f"must be a column of {what}; {near(name, there)}")
+    elif not isinstance(condition, Bounds) and name in _WORDS:
+        for word in (word for word in condition if word not in _WORDS[name]):
+            yield Problem(f"where.{name}", word, f"must be one of {', '.join(_WORDS[name])}")
+
+
+def optimize(question: QuestionLike, *, progress: Callable[[int], None] | None = None) -> Optimum:
     """Find the run that makes a column largest or smallest under the conditions.
 
     By `scipy.optimize.differential_evolution` over the intervals: a search of the whole box that needs no
@@ -244,11 +267,33 @@ def optimize(question: Question, *, progress: Callable[[int], None] | None = Non
 
     Parameters
     ----------
-    question : Question
-        From `read_question`.
+    question : Question, path or mapping
+        From `read_question`, or what that takes.
     progress : callable, optional
         Called with the number of runs played, after each.
+
+    Returns
+    -------
+    Optimum
+
+    Raises
+    ------
+    ScenarioError
+        If the question makes no sense.
+
+    Examples
+    --------
+    >>> found = optimize({
+    ...     "scenario": "scenarios/fig3c_state_b.toml",
+    ...     "maximize": "dissipated",
+    ...     "where": {"outcome": "completed"},
+    ...     "vary": {"gas.ambient_pressure": {"from": 0.0, "to": 0.03}},
+    ...     "search": {"population": 4, "generations": 2},
+    ... })
+    >>> found.row["outcome"], len(found.runs) > 4
+    ('completed', True)
     """
+    question = read_question(question)
     from scipy.optimize import NonlinearConstraint, differential_evolution
 
     runs = _Runs(question, progress)

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 Value = float | str | bool
 
+_FEWEST_AUDITED, _MOST_AUDITED = 20, 200
+
 
 @dataclass(frozen=True)
 class Axis:
@@ -135,6 +137,13 @@ class Sweep:
         for count in self.shape:
             size *= count
         return size
+
+    @cached_property
+    def audited(self) -> tuple[int, ...]:
+        """The runs, from 0, that are played both in lockstep and by themselves: one in a hundred, drawn."""
+        count = min(max(self.size // 100, _FEWEST_AUDITED), _MOST_AUDITED, self.size)
+        drawn_runs = np.random.default_rng(self.size).choice(self.size, count, replace=False)
+        return tuple(sorted(drawn_runs.tolist()))
 
     def values(self, start: int, stop: int) -> list[tuple[Value, ...]]:
         """The values of runs `start` to `stop` − 1, one for each axis."""

@@ -1,4 +1,4 @@
-"""The sweep file, read and checked: `read_sweep` is the only door.
+"""The sweep file: `read_sweep` reads and checks it.
 
 The grammar is that of `docs/sweep.md`. As for a scenario, all problems are reported at once, each with
 file, key, value and what is allowed, in one `ScenarioError`.
@@ -116,23 +116,42 @@ class SweepFile(Frozen):
     )
 
 
-def read_sweep(source: str | os.PathLike[str] | Mapping[str, Any], *, file: str | None = None) -> Sweep:
+SweepLike = Sweep | str | os.PathLike[str] | Mapping[str, Any]
+"""A sweep, or what `read_sweep` makes one of."""
+
+
+def read_sweep(source: SweepLike, *, file: str | None = None) -> Sweep:
     """Read and check a sweep, with its base scenario.
 
     Parameters
     ----------
-    source : path or mapping
+    source : path, mapping or Sweep
         A TOML file, or its content as a mapping. The path of the scenario is relative to the folder of
         the file, for a mapping to the current directory; in a mapping, `scenario` may be a scenario's
-        mapping itself.
+        mapping itself. A sweep is returned as it is.
     file : str, optional
         Of a mapping: the file it was read from, for messages and for the path of the scenario.
+
+    Returns
+    -------
+    Sweep
 
     Raises
     ------
     ScenarioError
         With every problem found: file, key, value and what is allowed.
+
+    Examples
+    --------
+    >>> sweep = read_sweep({
+    ...     "scenario": "scenarios/fig3c_state_b.toml",
+    ...     "vary": {"gas.ambient_pressure": [0.015, 0.05, 0.2], "balloon.active.radius": [0.8, 1.0]},
+    ... })
+    >>> sweep.shape, sweep.size
+    ((3, 2), 6)
     """
+    if isinstance(source, Sweep):
+        return source
     base: Mapping[str, Any] | None = None
     if isinstance(source, Mapping):
         folder, data = os.path.dirname(file) if file else "", dict(source)
@@ -145,6 +164,7 @@ def read_sweep(source: str | os.PathLike[str] | Mapping[str, Any], *, file: str 
             data = read_toml(file)
         except ValueError as error:
             raise ScenarioError(file, Problem("", None, str(error))) from None
+    _refuse_other_kinds(file, data)
     try:
         read = SweepFile.model_validate(data)
     except ValidationError as error:
@@ -158,6 +178,20 @@ def read_sweep(source: str | os.PathLike[str] | Mapping[str, Any], *, file: str 
     if problems:
         raise ScenarioError(file, *problems)
     return _sweep(file, read, scenario, axes)
+
+
+def _refuse_other_kinds(file: str, data: Mapping[str, Any]) -> None:
+    """Raise ScenarioError for a file that is a scenario or asks for an optimum."""
+    kinds = {
+        "gas": ("a scenario", "run"),
+        "balloon": ("a scenario", "run"),
+        "maximize": ("an optimum", "optimize"),
+        "minimize": ("an optimum", "optimize"),
+    }
+    for key, (kind, command) in kinds.items():
+        if key in data:
+            allowed = f"belongs to {kind}, not to a sweep; {kind} is played with `balloons {command}`"
+            raise ScenarioError(file, Problem(key, None, allowed))
 
 
 def _sweep(file: str, read: SweepFile, scenario: Scenario, axes: tuple[Axis, ...]) -> Sweep:
@@ -276,9 +310,11 @@ def _refused_value(
         except KeyError:
             return None, f"no such key in the scenario, {near(axis.key, known)}"
         except ScenarioError as error:
-            if error.allowed.startswith("unknown key"):
+            same_name = error.key.rpartition(".")[2] == axis.key.rpartition(".")[2]
+            own = same_name or f"{axis.key}.".startswith(f"{error.key}.")
+            if own and error.allowed.startswith("unknown key"):
                 return None, f"no such key in the scenario, {near(axis.key, known)}"
-            where = "" if error.key.endswith(axis.key.rpartition(".")[2]) else f"makes {error.key} wrong: "
+            where = "" if own else f"makes {error.key} wrong: "
             return axis.written(value), f"{where}{error.allowed}"
     return None
 

@@ -21,6 +21,7 @@ from simulator.results.shapes import shape_word
 from simulator.scenario import Inflate, ScenarioError, load_scenario
 from simulator.scenario.mapping import with_values
 from simulator.simulation.run import SolverError, simulate
+from simulator.sweep.lockstep import chunk
 from simulator.sweep.plan import Job, Value
 
 if TYPE_CHECKING:
@@ -28,16 +29,36 @@ if TYPE_CHECKING:
 
 _AT_REST = 1e-6  # stretches closer than this are the same state of rest
 
+_ENDS = (Outcome.LOSS_OF_TENSION, Outcome.BREAKDOWN, Outcome.RUNAWAY, Outcome.OUT_OF_RANGE)
+
+OUTCOMES = (*(outcome.value for outcome in Outcome), "refused")
+"""What the column `outcome` may say: how a history ended, or "refused" where the scenario makes no sense."""
+
+BEHAVIOURS = (
+    "continuous",
+    "snap",
+    "snap_returns",
+    "snap_stays",
+    *(f"{before}{end.value}" for end in _ENDS for before in ("", "snap_to_", "snap_then_")),
+    "refused",
+    "failed",
+)
+"""What the column `behaviour` may say; see `behaviour`."""
+
 SENSITIVITY = "d(limit_point_1_{of})/d({key})"
 
 
 @dataclass(frozen=True)
 class Task:
-    """Runs `start` to `start + len(values)` − 1 of a sweep, the values of each by axis."""
+    """Runs `start` to `start + len(values)` − 1 of a sweep, the values of each by axis.
+
+    `audited` are the places among them of runs that are played in lockstep and by themselves, and compared.
+    """
 
     number: int
     start: int
     values: tuple[tuple[Value, ...], ...]
+    audited: tuple[int, ...] = ()
 
 
 def columns(job: Job) -> dict[str, str]:
@@ -74,6 +95,7 @@ def columns(job: Job) -> dict[str, str]:
             for key in job.recorded.sensitivities
             for name in job.electroded
         },
+        "way": "text",
         "seconds": "number",
         "error": "text",
     }
@@ -86,17 +108,15 @@ def play_chunk(job: Job, task: Task) -> str:
     ------
     RuntimeError
         If this process has another version of the package than the one that asks.
+    DisagreementError
+        If an audited run does not come out the same both ways.
     """
     if job.version != __version__:
         raise RuntimeError(
             f"a worker has dielectric-balloons {__version__}, the sweep was started by {job.version}; "
             "install the same version everywhere"
         )
-    names = list(columns(job))
-    return as_text(
-        [row.get(name) for name in names]
-        for row in (play(job, task.start + i, values) for i, values in enumerate(task.values))
-    )
+    return as_text(chunk.rows(job, task.start, task.values, task.audited, list(columns(job)), play))
 
 
 def as_text(rows: Iterable[Sequence[object]]) -> str:
@@ -109,6 +129,8 @@ def as_text(rows: Iterable[Sequence[object]]) -> str:
 
 
 def _cell(value: object) -> str | int | float:
+    if type(value) is float:  # most are
+        return value if value == value else ""
     if value is None or value != value:
         return ""
     if isinstance(value, bool):

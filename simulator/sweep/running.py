@@ -29,11 +29,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from simulator.scenario import Problem, ScenarioError
+from simulator.sweep.lockstep.chunk import DisagreementError
+from simulator.sweep.lockstep.stacking import covered
+from simulator.sweep.reading import read_sweep
 from simulator.sweep.rows import Task, as_text, columns, failure, play_chunk
-from simulator.sweep.storage import Store, alone, fair_chunk, open_store
+from simulator.sweep.storage import Store, alone, fair_chunk, large_chunk, open_store
 
 if TYPE_CHECKING:
     from simulator.sweep.plan import Job, Sweep
+    from simulator.sweep.reading import SweepLike
 
 Progress = Callable[[int, int], None]
 
@@ -66,7 +70,7 @@ class SweepResult:
 
 
 def run_sweep(
-    sweep: Sweep,
+    sweep: SweepLike,
     directory: str | os.PathLike[str],
     *,
     workers: int | None = None,
@@ -79,8 +83,8 @@ def run_sweep(
 
     Parameters
     ----------
-    sweep : Sweep
-        From `read_sweep`.
+    sweep : Sweep, path or mapping
+        From `read_sweep`, or what that takes.
     directory : path
         Created if need be.
     workers : int, optional
@@ -97,18 +101,24 @@ def run_sweep(
     progress : callable, optional
         Called with the number of runs that are there and of all, after each chunk.
 
+    Returns
+    -------
+    SweepResult
+        `load_sweep` reads the rows from its directory.
+
     Raises
     ------
     OutputError
         If something cannot be written. Chunks written before stay.
     ScenarioError
-        If the directory holds another sweep than this, or a table changes while it is played.
+        If the sweep makes no sense, the directory holds another one, or a table changes while it is played.
     ExecutorError
-        If the executor fails. Chunks written before stay.
+        If the executor fails, or a run played both ways comes out differently. Chunks written before stay.
     """
+    sweep = read_sweep(sweep)
     started = time.perf_counter()
     count = workers or usable_cores()
-    size = chunk or fair_chunk(sweep.size, count)
+    size = chunk or (large_chunk if covered(sweep) else fair_chunk)(sweep.size, count)
     store = open_store(sweep, Path(directory), resume=resume, chunk=size)
     with alone(store.directory):
         ready = store.done()
@@ -176,6 +186,8 @@ class _Campaign:
                         self.progress(there, self.sweep.size)
                 elif is_death(error):
                     broken = True
+                elif isinstance(error, DisagreementError):
+                    raise ExecutorError(str(error)) from error
                 else:
                     raise _executor_error(error)
             if broken:
@@ -193,7 +205,8 @@ class _Campaign:
 
     def _task(self, number: int) -> Task:
         start, stop = self.store.bounds(number)
-        return Task(number, start, tuple(self.sweep.values(start, stop)))
+        audited = tuple(run - start for run in self.sweep.audited if start <= run < stop)
+        return Task(number, start, tuple(self.sweep.values(start, stop)), audited)
 
     def _after_a_death(self, again: deque[Task]) -> int:
         """Hand out again what was under way; what saw too many deaths is played run by run. Rows written."""

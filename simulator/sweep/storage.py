@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from simulator.results.files import OutputError, check_writable, write_files
 from simulator.scenario import Problem, ScenarioError
+from simulator.sweep.lockstep.chunk import ALONE, LOCKSTEP
 from simulator.sweep.rows import columns
 
 if TYPE_CHECKING:
@@ -33,10 +34,12 @@ if TYPE_CHECKING:
 
 RECORD, TABLE, PARQUET, CHUNKS = "sweep.json", "sweep.csv", "sweep.parquet", "chunks"
 LOCK = ".lock"
+WAYS = (LOCKSTEP, ALONE)
 
 _CHUNKS_IN_ALL = 200  # that a sweep is cut into, or more
 _FEW_ROWS = 4  # of a chunk of a small sweep
 _MOST_ROWS = 1000  # of a chunk of a large one
+_MOST_TOGETHER = 5000  # of a chunk that is played in lockstep
 _GROUP = 1 << 23  # bytes of text that make a row group of the Parquet file
 
 
@@ -88,7 +91,7 @@ class Store:
     def write(self, number: int, text: str) -> None:
         """Write a chunk. Raises OutputError; what was there before is then still there."""
         content = text.encode(errors="replace")
-        write_files(self.directory / CHUNKS, {_name(number): lambda stream: stream.write(content)})
+        write_files(self.directory / CHUNKS, {_name(number): content})
 
     def texts(self) -> Iterator[bytes]:
         """The chunks that are there, in order."""
@@ -104,14 +107,30 @@ class Store:
             # The table goes last: where it is, all is there.
             writers[TABLE] = partial(_write_table, self)
             write_files(self.directory, writers)
+            self._count_ways()
         shutil.rmtree(self.directory / CHUNKS, ignore_errors=True)
         return [path for name in (RECORD, TABLE, PARQUET) if (path := self.directory / name).is_file()]
+
+    def _count_ways(self) -> None:
+        """Say in `sweep.json` by which way the rows came."""
+        counts: Counter[str] = Counter()
+        for text in self.texts():
+            for way in WAYS:
+                counts[way] += text.count(f",{way},".encode())
+        content = {**read_record(self.directory), "ways": dict(counts)}
+        text_of_it = json.dumps(content, indent=1, ensure_ascii=False)
+        write_files(self.directory, {RECORD: lambda stream: stream.write(f"{text_of_it}\n".encode())})
 
 
 def fair_chunk(size: int, workers: int) -> int:
     """Runs of a chunk: few enough that all workers have some to the end, enough to be worth a file."""
     small = min(_FEW_ROWS, size // (8 * workers))
     return max(1, small, min(_MOST_ROWS, size // _CHUNKS_IN_ALL))
+
+
+def large_chunk(size: int, workers: int) -> int:
+    """Runs of a chunk that is played in lockstep: many, but two chunks for each worker."""
+    return max(1, min(_MOST_TOGETHER, -(-size // (2 * workers))))
 
 
 def open_store(sweep: Sweep, directory: Path, *, resume: bool, chunk: int) -> Store:
@@ -142,7 +161,7 @@ def open_store(sweep: Sweep, directory: Path, *, resume: bool, chunk: int) -> St
         "definition": sweep.definition,
     }
     text = json.dumps(content, indent=1, ensure_ascii=False)
-    write_files(directory, {RECORD: lambda stream: stream.write(f"{text}\n".encode())})
+    write_files(directory, {RECORD: f"{text}\n".encode()})
     return store
 
 

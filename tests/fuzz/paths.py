@@ -33,12 +33,17 @@ def hessian(
     voltage: FloatArray,
     more: FloatArray | float = 0.0,
 ) -> tuple[FloatArray, float]:
-    """The Hessian of Π with the valve closed, in the stretches scaled by √(r²hk); and the size of its terms.
+    """The Hessian of Π in the stretches scaled by √(r²hk), and the size of its terms; no `gas`, valve open.
 
     That of a liquid is restricted to the surface of constant volume. `more` is added to its diagonal.
     """
     count = len(walls)
-    volume = gas.chamber + sum(b.radius**3 * x**3 / 3.0 for b, x in zip(balloons, stretch, strict=True))
+    held = gas is None
+    volume = (
+        0.0
+        if held
+        else gas.chamber + sum(b.radius**3 * x**3 / 3.0 for b, x in zip(balloons, stretch, strict=True))
+    )
     root = np.array([np.sqrt(b.radius**2 * b.thickness * b.modulus) for b in balloons])
     area = np.array([b.radius**3 * x * x for b, x in zip(balloons, stretch, strict=True)]) / root
     terms = np.array(
@@ -53,6 +58,8 @@ def hessian(
     )
     out = np.diag(terms.sum(axis=1) + more)
     size = float(np.max(np.abs(terms)))
+    if held:
+        return out, size
     if gas.law == "liquid":
         if count == 1:
             return np.ones((1, 1)), 1.0
@@ -88,7 +95,8 @@ def _curve_problems(scenario: Any, curve: Any) -> list[str]:
         )
         if apart > BALANCE:
             return [f"point {row} is out of balance by {apart:.2g} of its terms"]
-    if not inflation and scenario.gas.law != "liquid":
+    is_open = _is_open(curve.pressure)
+    if not inflation and not is_open and scenario.gas.law != "liquid":
         gas = scenario.gas
         gamma = gas.exponent if gas.law == "adiabatic" else 1.0
         volume = gas.chamber + sum(
@@ -106,6 +114,11 @@ def _curve_problems(scenario: Any, curve: Any) -> list[str]:
         if problem:
             out.append(f"{point.kind} at stretch {point.stretch.tolist()}: {problem}")
     return out
+
+
+def _is_open(pressure: FloatArray) -> bool:
+    """Whether a path keeps its pressure, as the scenario keeps the valve open."""
+    return bool(np.ptp(pressure) <= 1e-12 * max(1.0, float(np.max(np.abs(pressure)))))
 
 
 def _voltages(curve: Any, voltage: FloatArray) -> FloatArray:
@@ -130,7 +143,8 @@ def _point_problem(
                 terms = b.modulus * walls[0].stiffness(x), 2.0 * b.radius / b.thickness * point.pressure * x
                 singular = abs(terms[0] - terms[1]) / max(abs(terms[0]), abs(terms[1]))
             else:
-                matrix, size = hessian(scenario.gas, balloons, walls, stretch, float(point.pressure), voltage)
+                gas = None if _is_open(curve.pressure) else scenario.gas
+                matrix, size = hessian(gas, balloons, walls, stretch, float(point.pressure), voltage)
                 singular = float(np.min(np.abs(np.linalg.eigvalsh(matrix)))) / size
             return f"the Hessian is {singular:.2g} from singular" if singular > SINGULAR else None
         case "loss_of_tension":
@@ -153,18 +167,21 @@ def fold_problems(document: Document, key: str, found: Any) -> list[str]:
     """What is wrong with a limit point followed in one number: some of its points against the equations."""
     if len(found) < 1:
         return ["no points"]
-    names = [b["name"] for b in document["balloon"]]
     for row in np.unique(np.linspace(0, len(found) - 1, 9).astype(int)):
         value = float(found.value[row])
         scenario = load_scenario(_with(document, key, value))
-        walls = [wall_of(balloon.elastomer) for balloon in scenario.balloons]
-        voltage = np.array([float(found.voltage[row]) if b.electrodes else 0.0 for b in scenario.balloons])
-        stretch = np.array([found.stretch[row, found.balloons.index(name)] for name in names])
+        # With the valve open a fold is that of one balloon.
+        balloons = [b for b in scenario.balloons if b.name in found.balloons]
+        alone = len(balloons) < len(scenario.balloons) or (len(found) > 2 and _is_open(found.pressure))
+        walls = [wall_of(balloon.elastomer) for balloon in balloons]
+        voltage = np.array([float(found.voltage[row]) if b.electrodes else 0.0 for b in balloons])
+        stretch = np.array([found.stretch[row, found.balloons.index(b.name)] for b in balloons])
         pressure = float(found.pressure[row])
-        apart = np.max(np.abs(balance(walls, scenario.balloons, stretch, pressure, voltage)))
+        apart = np.max(np.abs(balance(walls, balloons, stretch, pressure, voltage)))
         if apart > BALANCE:
             return [f"{key} = {value!r}: out of balance by {apart:.2g} of its terms"]
-        matrix, size = hessian(scenario.gas, scenario.balloons, walls, stretch, pressure, voltage)
+        gas = None if alone else scenario.gas
+        matrix, size = hessian(gas, balloons, walls, stretch, pressure, voltage)
         singular = float(np.min(np.abs(np.linalg.eigvalsh(matrix)))) / size
         if singular > SINGULAR:
             return [f"{key} = {value!r}: the Hessian is {singular:.2g} from singular"]

@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator import History
-from tests.oracle.general.real_time import parts_of
 from tests.oracle.general.walls import Wall, wall_of
+from tests.oracle.general.waveforms import parts_of
 
 FloatArray = NDArray[np.float64]
 
 BALANCE = 1e-9  # of the terms of a force balance
 GAS = 1e-9
+PRESSURE = 3e-15
 DRIVE = 1e-9
 ENERGY = 1e-8
 ENERGY_IN_REAL_TIME = 1e-7  # an integrator's 1e-9 in each of its steps
@@ -129,6 +130,7 @@ def _gas(history: History) -> list[str]:
     gas = history.scenario.gas
     radius = np.array([b.radius for b in history.scenario.balloons])
     volume = gas.chamber + (radius**3 * history.stretch**3).sum(axis=1) / 3.0
+    gamma = 1.0
     if gas.law == "liquid":
         constant = volume
     else:
@@ -149,7 +151,9 @@ def _gas(history: History) -> list[str]:
             last = ended and history.time[row] == history.time[-1]
             allowed = 1e-7 if last or history.scenario.dynamics is not None else GAS
             size = abs(constant[start]) if constant[start] else 1.0
-            if abs(constant[row] - constant[start]) > allowed * size + 1e-15:
+            # In a vacuum the pressure of a large volume has few digits.
+            rounding = 1e-15 + PRESSURE * (1.0 if gas.law == "liquid" else float(volume[row]) ** gamma)
+            if abs(constant[row] - constant[start]) > allowed * size + rounding:
                 change = float(constant[row] - constant[start]) / size
                 out.append(
                     f"sample {row} at time {float(history.time[row])!r}: the gas has changed by {change:.2g}"

@@ -163,7 +163,8 @@ def _told(verb: str, ran: Ran, judge: Callable[[Any], list[str]]) -> Iterator[tu
 def _derivative_problems(document: Document, value: Any, rng: Rng, runner: Runner) -> list[str]:
     """Two of the derivatives against differences of runs."""
     history, found = value
-    makes = [{k: v for k, v in b.items() if k != "name"} for b in document["balloon"]]
+    wall = ("radius", "thickness", "modulus", "elastomer")
+    makes = [{key: b.get(key, 1.0) for key in wall} for b in document["balloon"]]
     if not found or any(a == b for i, a in enumerate(makes) for b in makes[:i]):
         return []  # what equal balloons do changes with the sign of a change
     out = []

@@ -10,6 +10,7 @@ from simulator.results.plot.curve import (
 )
 from simulator.results.plot.history import (
     draw_png,
+    plot_histories,
     plot_history,
     plot_loop,
     plot_pressure,
@@ -27,6 +28,7 @@ __all__ = [
     "draw_png",
     "plot_curves",
     "plot_fold",
+    "plot_histories",
     "plot_history",
     "plot_loop",
     "plot_paths",

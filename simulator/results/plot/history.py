@@ -18,6 +18,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from simulator.events import SHAPE_EVENTS, WORDS, EventKind, Outcome
+from simulator.results.html import ending
 from simulator.results.plot.in_time import draw_in_time, is_crowded
 from simulator.results.plot.loops import (
     cell,
@@ -45,6 +46,8 @@ from simulator.results.plot.style import (
 from simulator.results.shapes import lost_rows
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
@@ -186,7 +189,7 @@ def plot_stretches(history: History, ax: Axes) -> Axes:
     return _dress_time_axes(ax, labels, f"{labels.extent}\n{labels.size}")
 
 
-def plot_loop(history: History, ax: Axes) -> Axes:
+def plot_loop(history: History, ax: Axes, *, colour: str | None = None) -> Axes:
     """Draw stretch over voltage of the first electroded balloon, with jumps dashed and events marked.
 
     Where no balloon has electrodes it is stretch over pressure of the first balloon. Parts of the
@@ -197,6 +200,8 @@ def plot_loop(history: History, ax: Axes) -> Axes:
     ----------
     history : History
     ax : matplotlib.axes.Axes
+    colour : str, optional
+        By default that of the balloon.
 
     Returns
     -------
@@ -206,7 +211,7 @@ def plot_loop(history: History, ax: Axes) -> Axes:
     history, labels = shown_history(history)
     balloon = _shown_balloon(history)
     name = history.balloons[balloon]
-    colour = _colour(history, name)
+    colour = colour or _colour(history, name)
     x = history.voltage[:, 0] if history.electroded else history.pressure
     y = history.stretch[:, balloon]
     if len(history):
@@ -302,14 +307,39 @@ def _is_common(voltage: FloatArray) -> bool:
 
 
 def _ending(history: History) -> str:
-    if not len(history):
-        return "nothing was computed"
-    if history.outcome is Outcome.COMPLETED:
-        return ""
-    time = f"time {history.time[-1]:.6g}{' s' if history.scenario.scales else ''}"
-    if history.outcome is Outcome.FAILED:
-        return f"partial: the solver failed after {time}"
-    return f"ended by {history.outcome.value.replace('_', ' ')} at {time}"
+    return "" if len(history) and history.outcome is Outcome.COMPLETED else ending(history)
+
+
+def plot_histories(
+    histories: Sequence[History], labels: Sequence[str] | None = None, ax: Axes | None = None
+) -> Axes:
+    """Draw the loops of several histories into one panel, one colour each.
+
+    Parameters
+    ----------
+    histories : sequence of History
+    labels : sequence of str, optional
+        For the legend; by default the titles of the scenarios.
+    ax : matplotlib.axes.Axes, optional
+        By default those of a new figure, `ax.figure`.
+
+    Raises
+    ------
+    ValueError
+        If there are not as many labels as histories.
+    """
+    if labels is not None and len(labels) != len(histories):
+        raise ValueError(f"{len(labels)} labels for {len(histories)} histories")
+    if ax is None:
+        ax = Figure(figsize=(7.0, 5.0), layout="constrained").add_subplot()
+    names = labels or [history.scenario.title for history in histories]
+    handles = []
+    for i, (history, name) in enumerate(zip(histories, names, strict=True)):
+        colour = COLOURS[i % len(COLOURS)]
+        plot_loop(history, ax, colour=colour)
+        handles.append(Line2D([], [], color=colour, linewidth=1.8, label=name.replace("$", r"\$")))
+    ax.legend(handles=handles, frameon=False)
+    return ax
 
 
 def _shown_balloon(history: History) -> int:

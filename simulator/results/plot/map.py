@@ -39,7 +39,11 @@ BEHAVIOURS: dict[str, tuple[str, str]] = {
     "snap_to_breakdown": ("#5E3C99", "snap that breaks the film"),
     "breakdown": ("#B2ABD2", "breakdown without a snap"),
     "snap_to_runaway": ("#7F0000", "snap without an end"),
+    "snap_then_runaway": ("#B15928", "stable snap, runaway later"),
     "runaway": ("#FB9A99", "runaway"),
+    "snap_to_out_of_range": ("#33A02C", "snap off the measured curve"),
+    "snap_then_out_of_range": ("#B2DF8A", "stable snap, off the measured curve later"),
+    "out_of_range": ("#CAB2D6", "off the measured curve without a snap"),
     "refused": ("#F0F0F0", "makes no sense"),
     "failed": (BLACK, "solver failed"),
 }

@@ -7,10 +7,7 @@ where the two differ by more than 1e-6 the reference is undecided.
 
 from __future__ import annotations
 
-import itertools
-import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
@@ -21,6 +18,7 @@ from simulator import Scenario, load_scenario
 from tests.oracle.general.creeping_flow import Drive, Film, FlowError, Motion, Spring, follow
 from tests.oracle.general.reference import Reference, ReferenceEvent, State
 from tests.oracle.general.walls import wall_of
+from tests.oracle.general.waveforms import Part, parts_of
 
 FloatArray = NDArray[np.float64]
 
@@ -70,105 +68,7 @@ def play_real_time(
         doubts.append(difference)
     if doubts:
         certain = min(certain, 0 if len(played) < 2 else len(first.events))
-    return last.reference(tuple(dict.fromkeys(doubts)), certain)
-
-
-# ------------------------------------------------------------------------------------------ the drive
-
-
-@dataclass(frozen=True)
-class _Part:
-    """A smooth part of a step: when it begins and how long it lasts, and voltages over its own time."""
-
-    begin: float
-    lasts: float
-    voltages: Callable[[float], FloatArray]
-    longest: float
-
-
-def _straight(begin: float, end: float, first: FloatArray, last: FloatArray) -> _Part:
-    lasts = end - begin
-    slope = (last - first) / lasts
-
-    def voltages(t: float) -> FloatArray:
-        return last if t == lasts else np.asarray(first + slope * t)
-
-    return _Part(begin, lasts, voltages, lasts / 12.0)
-
-
-def parts_of(step: Any, names: Sequence[str], films: Sequence[str], now: FloatArray) -> list[_Part]:
-    """The smooth parts of a step, in order; a jump is one that lasts no time.
-
-    Parameters
-    ----------
-    step
-        As played, of a `Scenario`.
-    names, films : sequence of str
-        All balloons, and those with electrodes.
-    now : (n_balloons,) array
-        Voltages before the step.
-    """
-
-    def given(value: Any) -> FloatArray:
-        out = now.copy()
-        for name in films:
-            if not isinstance(value, dict) or name in value:
-                out[names.index(name)] = value[name] if isinstance(value, dict) else value
-        return out
-
-    if hasattr(step, "inflate"):
-        return [_straight(0.0, step.over, now, now)]
-    if hasattr(step, "hold"):
-        return [_straight(0.0, step.hold, now, now)]
-    if hasattr(step, "ramp"):
-        return [_straight(0.0, step.over, now, given(step.ramp))]
-    if hasattr(step, "jump"):
-        target = given(step.jump)
-        return [_Part(0.0, 0.0, lambda _: target, 0.0)]
-    if hasattr(step, "table"):
-        rows = [given(float(v)) for v in step.voltages]
-        times = step.times.tolist()
-        return [_straight(times[i], times[i + 1], rows[i], rows[i + 1]) for i in range(len(rows) - 1)]
-    return _waves(step, names, films, now)
-
-
-def _waves(step: Any, names: Sequence[str], films: Sequence[str], now: FloatArray) -> list[_Part]:
-    kind = "sine" if hasattr(step, "sine") else "triangle"
-    wave = getattr(step, kind)
-    own = getattr(wave, "balloons", None) or dict.fromkeys(films, wave)
-    first, second = ("mean", "amplitude") if kind == "sine" else ("low", "high")
-    a, b, phase = now.copy(), np.zeros(len(names)), np.zeros(len(names))
-    moves = np.zeros(len(names), dtype=bool)
-    for name, one in own.items():
-        i = names.index(name)
-        a[i], b[i], moves[i] = getattr(one, first), getattr(one, second), True
-        phase[i] = getattr(one, "phase", 0.0)
-    if kind == "sine":
-
-        def sine(t: float) -> FloatArray:
-            return np.where(moves, a + b * np.sin(2.0 * np.pi * (t / wave.period + phase)), now)
-
-        return [_Part(0.0, wave.period * wave.cycles, sine, wave.period / 24.0)]
-
-    def triangle(turns: float) -> FloatArray:
-        share = 1.0 - np.abs(1.0 - 2.0 * np.mod(turns + phase, 1.0))
-        return np.where(moves, a + (b - a) * share, now)
-
-    corners = {0.0, float(wave.cycles)}
-    for shift in phase[moves]:
-        for half in range(-2, 2 * math.ceil(wave.cycles) + 3):
-            corner = 0.5 * half - math.fmod(shift, 1.0)
-            if 1e-12 < corner < wave.cycles - 1e-12:
-                corners.add(corner)
-    turns = sorted(corners)
-    kept = [turns[0], *(t for s, t in itertools.pairwise(turns) if t - s > 1e-12)]
-    return [
-        _straight(s * wave.period, t * wave.period, triangle(s), triangle(t))
-        for s, t in itertools.pairwise(kept)
-    ]
-
-
-# ------------------------------------------------------------------------------------------ one history
+    return last.reference(tuple(dict.fromkeys(doubts)), certain, _spread(first, last))
 
 
 class _Player:
@@ -207,7 +107,7 @@ class _Player:
                 return
             self.ends.append(self._now())
 
-    def reference(self, doubts: tuple[str, ...], certain: int) -> Reference:
+    def reference(self, doubts: tuple[str, ...], certain: int, spread: float) -> Reference:
         return Reference(
             self.outcome,
             tuple(self.events),
@@ -219,6 +119,7 @@ class _Player:
             sample_times=np.array([time for time, _ in self.sampled_at]),
             sample_steps=np.array([step for _, step in self.sampled_at]),
             dissipated=float(self.state[-1]),
+            spread=spread,
         )
 
     def _seal(self) -> None:
@@ -252,7 +153,7 @@ class _Player:
         if opens:
             self._seal()
 
-    def _move(self, drive: Drive, start: float, part: _Part) -> None:
+    def _move(self, drive: Drive, start: float, part: Part) -> None:
         """One part of the drive: what is beyond its limit already, and then the flow."""
         self.clock = start + part.begin
         self.pressure = self.motion.pressure(0.0, self.state[: self.motion.count].tolist(), drive)
@@ -288,14 +189,17 @@ class _Player:
             if self.ended:
                 return taut
         margins = self.motion.margins(0.0, self.state, drive)
+        # A film that breaks at once ends the history, stable or not.
+        for kind, _, margin in margins:
+            if kind not in ("limit_point", "loss_of_tension") and margin <= 0.0 and not self.ended:
+                self._note(kind)
+        if self.ended:
+            return taut
         unstable = [m for kind, _, m in margins if kind == "limit_point" and m < 0.0]
         if self.stable:
             for _ in unstable:
                 self._note("limit_point")
         self.stable = not unstable
-        for kind, _, margin in margins:
-            if kind not in ("limit_point", "loss_of_tension") and margin <= 0.0 and not self.ended:
-                self._note(kind)
         return taut
 
     def _check_slack(self, drive: Drive) -> bool:
@@ -387,6 +291,15 @@ def _compared(one: _Player, other: _Player) -> tuple[int, str]:
     if one.outcome != "runaway" and _apart(one._now(), other._now()) > AGREE:
         return len(pairs), "end: the two integrators differ"
     return len(pairs), ""
+
+
+def _spread(one: _Player, other: _Player) -> float:
+    """How far two players of the same history are apart at most, in any state."""
+    pairs = list(zip(one.sampled, other.sampled, strict=False))
+    pairs += [(a.before.stretch, b.before.stretch) for a, b in zip(one.events, other.events, strict=False)]
+    pairs += [(a.stretch, b.stretch) for a, b in zip(one.ends, other.ends, strict=False)]
+    apart = [float(np.max(np.abs(a - b) / np.maximum(1.0, np.abs(a)))) for a, b in pairs]
+    return max(apart, default=0.0)
 
 
 def _apart(one: State, other: State) -> float:

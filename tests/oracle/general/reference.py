@@ -52,6 +52,8 @@ class Reference:
         Stretches at `sample_times` in `sample_steps`.
     dissipated : float
         In all.
+    spread : float
+        How far two ways to compute it are apart, where it was computed in two ways.
     """
 
     outcome: str
@@ -64,3 +66,4 @@ class Reference:
     sample_times: FloatArray | None = None
     sample_steps: FloatArray | None = None
     dissipated: float = float("nan")
+    spread: float = 0.0

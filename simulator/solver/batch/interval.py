@@ -1,0 +1,185 @@
+"""One interval of path between two states, for all runs at once: five points on the curve, and what they say.
+
+The points are those of Lobatto's rule, so that they serve for quadrature, for polynomials of the margins, and
+to see that the two ends are on one smooth curve.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.solver.batch.bordered import Bordered
+from simulator.solver.batch.stacked import Stacked
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+_ROOT = float(np.sqrt(3.0 / 7.0))
+POINTS = 0.5 + 0.5 * np.array([-1.0, -_ROOT, 0.0, _ROOT, 1.0])
+WEIGHTS = np.array([0.05, 49.0 / 180.0, 16.0 / 45.0, 49.0 / 180.0, 0.05])
+GRID = np.linspace(0.0, 1.0, 33)
+_ASIDE = 0.2  # over the length of an interval: how far the curve may be from the cubic through its ends
+_WORK = 1e-5  # of the work of an interval: how well it must agree with what is stored
+
+
+def basis(x: FloatArray) -> FloatArray:
+    """Lagrange's polynomials through the points at x (n,), shape (5, n)."""
+    rows = []
+    for j, here in enumerate(POINTS):
+        others = np.delete(POINTS, j)
+        rows.append(np.prod(x - others[:, None], axis=0) / np.prod(here - others))
+    return np.array(rows)
+
+
+_AT_GRID = basis(GRID).T.copy()  # (33, 5)
+# The slopes, at the two ends, of the polynomial through five values.
+AT_ENDS = np.linalg.solve(
+    np.vander(POINTS, increasing=True).T, np.array([[0.0, 1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 2.0, 3.0, 4.0]]).T
+).T
+_HIGHEST = np.array([np.prod(p - np.delete(POINTS, j)) ** -1.0 for j, p in enumerate(POINTS)])
+_SHAPE = np.abs(np.prod(GRID[:, None] - POINTS, axis=1))  # of the polynomial through five points: its error
+_SHARE = np.max(_SHAPE)
+_X = POINTS[1:4, None]
+
+
+class Interval(NamedTuple):
+    """What is known of an interval; arrays end in (n_runs,).
+
+    Attributes
+    ----------
+    states : (n_unknowns, 5, n_runs) array
+    margins : (n_margins, 5, n_runs) array
+        The softest balloon's pivot, the smallest ∂R/∂λ of the others, then those of `Stacked.margins`.
+    work : (n_runs,) array
+        ∫ −∂Π/∂v dv.
+    exchanged : (n_runs,) array
+        Its absolute value, integrated.
+    defect : (n_runs,) array
+        What the work and the change of the potential do not agree by.
+    smooth : (n_runs,) array of bool
+        Whether the points lie as they must.
+    """
+
+    states: FloatArray
+    margins: FloatArray
+    work: FloatArray
+    exchanged: FloatArray
+    defect: FloatArray
+    smooth: BoolArray
+
+
+class Node(NamedTuple):
+    """States (n_unknowns, n_runs), unit tangents, and their margins and potential where they are known."""
+
+    state: FloatArray
+    tangent: FloatArray
+    pivot: FloatArray
+    others: FloatArray
+
+
+def on_grid(values: FloatArray) -> FloatArray:
+    """The polynomials through values (5, n_runs) at the points, on `GRID`."""
+    return np.asarray(_AT_GRID @ values)
+
+
+def square(weights: FloatArray, change: FloatArray) -> FloatArray:
+    """|change|² in scaled unknowns."""
+    return np.asarray((weights * change * change).sum(axis=0))
+
+
+def interval(
+    batch: Stacked, weights: FloatArray, first: Node, last: Node, place: NDArray[np.int64]
+) -> Interval:
+    """Look at the path between two nodes."""
+    chord = last.state - first.state
+    length = np.sqrt(square(weights, chord))
+    cosines = (weights * chord * (first.tangent + last.tangent)).sum(axis=0) / length
+    # Arc over chord, exact to fourth order: the cosines between directions and chord tell the turn.
+    arc = length * 3.0 / (2.0 + 0.5 * cosines)
+    m0, m1 = first.tangent * arc, last.tangent * arc
+    a, b = 3.0 * chord - 2.0 * m0 - m1, m0 + m1 - 2.0 * chord
+    y0, m, a, b = (part[:, None, :] for part in (first.state, m0, a, b))
+    guesses = y0 + _X * (m + _X * (a + _X * b))
+    slopes = m + _X * (2.0 * a + _X * 3.0 * b)
+    normal = weights[:, None, :] * slopes
+    states = guesses
+    for _ in range(2):
+        border = Bordered(batch.parts(states), normal, place)
+        step = border.correction()
+        states = states + step
+    aside = states - guesses
+    w = weights[:, None, :]
+    speed = square(w, slopes)
+    # On planes across the cubic the state moves at dy/dξ = rate (|c′|² − c″·(y − c)).
+    along = speed - (w * (2.0 * a + 6.0 * _X * b) * aside).sum(axis=0)
+    speeds = np.concatenate([m0[-1:], border.rates()[-1] * along, m1[-1:]])
+    states = np.concatenate([y0, states, last.state[:, None, :]], axis=1)
+    inner = border.others if batch.count > 1 else np.broadcast_to(np.inf, border.pivot.shape)
+    margins = [
+        np.concatenate([first.pivot[None], border.pivot, last.pivot[None]]),
+        *([np.concatenate([first.others[None], inner, last.others[None]])] if batch.count > 1 else []),
+        *(np.broadcast_to(margin.at(states), states.shape[1:]) for margin in batch.margins),
+    ]
+    power = np.asarray(batch.equations.drive_power(states)) * speeds
+    work = WEIGHTS @ power
+    exchanged = WEIGHTS @ np.abs(power)
+    energy = np.asarray(batch.equations.potential(states[:, [0, -1]]))
+    defect = energy[1] - energy[0] + work
+    smooth = (
+        (square(w, aside) <= _ASIDE**2 * speed).all(axis=0)
+        & (square(w, step) <= 1e-11 * np.maximum(speed, 1e-10)).all(axis=0)
+        & (np.abs(defect) <= _WORK * (exchanged + 1e-4 * np.abs(energy).max(axis=0)))
+        & (cosines > 1.4)
+    )
+    return Interval(states, np.stack(margins), work, exchanged, defect, smooth)
+
+
+class Sight(NamedTuple):
+    """What margins do in an interval.
+
+    `first` (n_runs,) is which of them is zero first, −1 where none is, `at` where; `unclear` where the
+    polynomial through five points leaves open whether one is.
+    """
+
+    first: NDArray[np.int64]
+    at: FloatArray
+    unclear: BoolArray
+
+
+def look(margins: FloatArray) -> Sight:
+    """Where margins (n_margins, 5, n_runs) first fall through zero."""
+    runs = margins.shape[2]
+    low = margins.min(axis=1)
+    rough = 2.0 * np.abs(np.tensordot(_HIGHEST, margins, (0, 1))) * _SHARE
+    first = np.full(runs, -1)
+    at = np.full(runs, np.inf)
+    unclear = np.zeros(runs, dtype=bool)
+    # Most margins are far from zero all along.
+    near = np.flatnonzero((low < 0.3 * margins[:, 0]).any(axis=0) | (low < 4.0 * rough).any(axis=0))
+    if not near.size:
+        return Sight(first, at, unclear)
+    values = np.matmul(_AT_GRID, margins[:, :, near])  # (n_margins, 33, n_near)
+    below = values < 0.0
+    any_below = below.any(axis=1)
+    place = np.argmax(below, axis=1)
+    before = np.maximum(place - 1, 0)
+    upper = np.take_along_axis(values, before[:, None], axis=1)[:, 0]
+    lower = np.take_along_axis(values, place[:, None], axis=1)[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(place > 0, upper / (upper - lower), 0.0)
+    root = np.where(any_below, GRID[before] + share * GRID[1], np.inf)
+    which = np.argmin(root, axis=0)
+    where = np.take_along_axis(root, which[None], axis=0)[0]
+    found = np.isfinite(where)
+    first[near] = np.where(found, which, -1)
+    at[near] = where
+    # A dip that may reach zero before that.
+    doubt = (values < rough[:, near][:, None] * (_SHAPE / _SHARE)[:, None]) & (
+        GRID[:, None] < np.where(found, where, 2.0)
+    )
+    doubt[which, :, np.arange(near.size)] &= ~found[:, None]
+    unclear[near] = doubt.any(axis=(0, 1)) | (found & (where == 0.0))
+    return Sight(first, at, unclear)
