@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,10 @@ from simulator.model.equations import OpenBalloon
 from simulator.model.membranes import ElectrodedMembrane, Membrane, sphericity
 from simulator.results.record import run_record
 from simulator.results.shapes import lost_rows
+from simulator.sweep.loading import load_table
+from simulator.sweep.optimum import optimize
 from simulator.sweep.rows import facts
+from simulator.sweep.running import run_sweep
 from tests.oracle.shape import closed_form
 from tests.pairs import pair, run, single
 
@@ -390,3 +394,30 @@ def test_the_record_of_a_run_says_what_becomes_of_the_shapes() -> None:
     assert not active["sphere"]
     assert passive["sphere"]
     assert "shapes" not in run_record(run(load_scenario("scenarios/fig3c_state_b.toml")))
+
+
+def test_a_sweep_has_words_and_numbers_of_shapes_where_they_are_asked_for(tmp_path: Path) -> None:
+    asked = {"scenario": "scenarios/fig3c_state_b.toml", "vary": {"step.1.inflate": [0.6, 1.2, 1.3]}}
+    run_sweep(asked, tmp_path / "plain")
+    assert "shape" not in load_table(tmp_path / "plain")
+    run_sweep(asked | {"record": {"shapes": True}}, tmp_path / "shapes")
+    table = load_table(tmp_path / "shapes")
+    assert table["shape"].tolist() == ["pear_before_snap", "pear_before_snap", "sphere"]
+    voltages = table["sphericity_voltage_active"].to_numpy()
+    assert voltages[1] == pytest.approx(0.314060834937, abs=1e-11)
+    assert np.isnan(voltages[2])
+    assert (table["least_sphericity_active"].to_numpy() < 0.0).tolist() == [True, True, False]
+
+
+def test_an_optimum_may_be_asked_to_stay_a_sphere() -> None:
+    found = optimize(
+        {
+            "scenario": "scenarios/fig3c_state_b.toml",
+            "maximize": "largest_stretch_active",
+            "where": {"shape": ["sphere"]},
+            "vary": {"step.2.ramp": {"from": 0.1, "to": 0.4}},
+            "search": {"population": 5, "generations": 3},
+        }
+    )
+    assert found.row is not None
+    assert found.row["step.2.ramp"] <= 0.314060834937

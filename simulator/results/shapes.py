@@ -16,6 +16,17 @@ if TYPE_CHECKING:
 
 Place = Literal["path", "flow", "rest"]
 
+SHAPES = (
+    "sphere",
+    "snap_of_a_sphere",
+    *(
+        f"{mode}_{where}"
+        for mode in ("pear", "shear")
+        for where in ("without_snap", "before_snap", "at_landing", "after_snap", "in_snap")
+    ),
+)
+"""What `shape_word` may say."""
+
 # A curve, or functions of one stretch, say nothing of how a film resists shear.
 _ABOUT_EQUAL_STRETCHES = ("tabulated", "python")
 

@@ -69,10 +69,11 @@ class Past:
 
 @dataclass(frozen=True)
 class Recorded:
-    """What a row has room for: voltages of so many limit points, and the keys of sensitivities."""
+    """What a row has room for: voltages of so many limit points, the keys of sensitivities, and shapes."""
 
     limit_points: int = 2
     sensitivities: tuple[str, ...] = ()
+    shapes: bool = False
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,13 @@ if TYPE_CHECKING:
 
 _AT_REST = 1e-6  # stretches closer than this are the same state of rest
 
-_ENDS = (Outcome.LOSS_OF_TENSION, Outcome.BREAKDOWN, Outcome.RUNAWAY, Outcome.OUT_OF_RANGE)
+_ENDS = (
+    Outcome.LOSS_OF_TENSION,
+    Outcome.BREAKDOWN,
+    Outcome.RUNAWAY,
+    Outcome.OUT_OF_RANGE,
+    Outcome.LOSS_OF_SPHERICITY,
+)
 
 OUTCOMES = (*(outcome.value for outcome in Outcome), "refused")
 """What the column `outcome` may say: how a history ended, or "refused" where the scenario makes no sense."""
@@ -74,7 +80,7 @@ def columns(job: Job) -> dict[str, str]:
         **({job.past.key: "number"} if job.past else {}),
         "outcome": "text",
         "behaviour": "text",
-        "shape": "text",
+        **({"shape": "text"} if job.recorded.shapes else {}),
         "limit_points": "whole",
         **voltages,
         "branch_points": "whole",
@@ -85,8 +91,7 @@ def columns(job: Job) -> dict[str, str]:
         **{f"largest_stretch_{name}": "number" for name in job.balloons},
         **{f"residual_stretch_{name}": "number" for name in job.balloons},
         **{f"largest_field_{name}": "number" for name in job.electroded},
-        **{f"sphericity_voltage_{name}": "number" for name in job.electroded},
-        **{f"least_sphericity_{name}": "number" for name in job.balloons},
+        **(_of_shapes(job) if job.recorded.shapes else {}),
         "loop_work": "number",
         "dissipated": "number",
         "energy_imbalance": "number",
@@ -98,6 +103,13 @@ def columns(job: Job) -> dict[str, str]:
         "way": "text",
         "seconds": "number",
         "error": "text",
+    }
+
+
+def _of_shapes(job: Job) -> dict[str, str]:
+    return {
+        **{f"sphericity_voltage_{name}": "number" for name in job.electroded},
+        **{f"least_sphericity_{name}": "number" for name in job.balloons},
     }
 
 
