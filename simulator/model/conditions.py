@@ -176,7 +176,15 @@ def _pear(membrane: AnyMembrane, place: int) -> Condition:
     def margin(y: State) -> Number:
         return sphericity(membrane, y[place], y[-1])
 
-    return Condition(EventKind.LOSS_OF_SPHERICITY, margin, lambda y: gradient(margin, y))
+    def slope(y: FloatArray) -> FloatArray:
+        stretch, v = float(y[place]), float(y[-1])
+        out = np.zeros(y.size)
+        out[place] = sphericity(membrane, complex(stretch, _STEP), v).imag / _STEP
+        if membrane.drive is not None:
+            out[-1] = sphericity(membrane, stretch, complex(v, _STEP)).imag / _STEP
+        return out
+
+    return Condition(EventKind.LOSS_OF_SPHERICITY, margin, slope)
 
 
 def _shear(stiffness: Callable[[Number], Number], place: int) -> Condition:

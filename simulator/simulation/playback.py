@@ -177,19 +177,23 @@ class Playback:
         self.passed = max(self.passed, change.fraction)
         self.record.present.time = self.start + self.lasts * change.fraction
         self.v = float(change.before[-1])
-        states = self._on_branches()
-        states[change.place] = change.before
+        states = self._on_branches({change.place: change.before})
         at = self.record.present.at_instant(self.groups, self.played.leg.way, states)
         self.record.shape(change, at, at)
         if self.record.ended:
             for place in range(len(self.groups)):
                 self._book(place)
 
-    def _on_branches(self) -> list[FloatArray]:
-        """The state y of each group at the present v."""
+    def _on_branches(self, known: Mapping[int, FloatArray]) -> list[FloatArray]:
+        """The state y of each group at the present v; some, by their places, are known."""
+        present = self.record.present
         return [
-            self.record.present.unknowns(group, self.v) if branch is None else branch.state_at(self.v)
-            for group, branch in zip(self.groups, self.branches, strict=True)
+            known[place]
+            if place in known
+            else present.unknowns(group, self.v)
+            if branch is None
+            else branch.state_at(self.v)
+            for place, (group, branch) in enumerate(zip(self.groups, self.branches, strict=True))
         ]
 
     def _exits(self, fraction: float, exits: Mapping[int, Exit]) -> None:
@@ -197,7 +201,7 @@ class Playback:
         self.passed = fraction
         self.record.present.time = self.start + self.lasts * fraction
         self.v = float(next(iter(exits.values())).before[-1])
-        states = self._on_branches()
+        states = self._on_branches({place: exit.before for place, exit in exits.items()})
         for place, exit in exits.items():
             states[place] = exit.before
             self._book(place)

@@ -8,6 +8,7 @@ at once, however often a history passes along it.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from simulator.events import EventKind
 from simulator.model.conditions import Condition, ShapeCondition, shape_conditions
 from simulator.model.drive import Waveform
+from simulator.model.equations import Equations
 from simulator.model.groups import AnyEquations, Group
 from simulator.simulation.atlas import Exit, Response
 from simulator.simulation.parts import parts_of
@@ -245,10 +247,7 @@ def _polished(branch: Branch, condition: Condition, left: FloatArray, right: Flo
     guess = left + before / (before - after) * (right - left)
     slack = 1e-9 * float(equations.scales[-1])
     for _ in range(_MOST_HALVINGS):
-        try:
-            found = newton.at_event(equations, condition, guess)
-        except newton.NotConverged:
-            found = None
+        found = _state(equations, condition, guess)
         if found is not None and low - slack <= found[-1] <= high + slack:
             apart = np.max(np.abs(found - guess) / equations.scales)
             if apart <= 2.0 * np.max(np.abs(right - left) / equations.scales) + 1e-9:
@@ -261,3 +260,11 @@ def _polished(branch: Branch, condition: Condition, left: FloatArray, right: Flo
             high, right, after = float(middle[-1]), middle, here
         guess = middle
     raise newton.NotConverged("the state in which a balloon stops being a sphere was not found")
+
+
+def _state(equations: Equations, condition: Condition, guess: FloatArray) -> FloatArray | None:
+    """The state near a guess in which a margin vanishes; None where Newton's method finds none."""
+    for method in (newton.at_crossing, newton.at_event):
+        with contextlib.suppress(newton.NotConverged):
+            return method(equations, condition, guess)
+    return None
