@@ -421,3 +421,10 @@ def test_an_optimum_may_be_asked_to_stay_a_sphere() -> None:
     )
     assert found.row is not None
     assert found.row["step.2.ramp"] <= 0.314060834937
+
+
+def test_where_an_outline_has_the_other_sign_the_state_is_found() -> None:
+    history = simulate(load_scenario("tests/cases/shape-outline.toml"))
+    (lost,) = [event for event in on_the_path(history) if event.kind is LOST]
+    row = int(np.flatnonzero(history.time == lost.time)[0])
+    assert history.sphericity[row, 1] == pytest.approx(0.0, abs=1e-9)

@@ -32,6 +32,7 @@ FloatArray = NDArray[np.float64]
 _BETWEEN = 3  # states between two points of a branch at which a margin is looked at first
 _CLOSER = 33  # and in a dip
 _MOST_HALVINGS = 50
+_WIDER = 3  # times as wide as in outline a change of sign is looked for, at most
 
 
 @dataclass(frozen=True)
@@ -246,20 +247,38 @@ def _polished(branch: Branch, condition: Condition, left: FloatArray, right: Flo
     falls = before > after
     guess = left + before / (before - after) * (right - left)
     slack = 1e-9 * float(equations.scales[-1])
-    for _ in range(_MOST_HALVINGS):
+    for attempt in range(_MOST_HALVINGS):
         found = _state(equations, condition, guess)
         if found is not None and low - slack <= found[-1] <= high + slack:
             apart = np.max(np.abs(found - guess) / equations.scales)
             if apart <= 2.0 * np.max(np.abs(right - left) / equations.scales) + 1e-9:
                 return _Crossing(float(np.clip(found[-1], nodes[0], nodes[-1])), found, falls)
+        if attempt == 0:
+            # The outline is good enough to see a change, but not to tell its sides where it is close to one.
+            low, high = _bracket(branch, condition, low, high, falls)
+            left, right = branch.at(np.array([low, high])).T
         middle = branch.at(np.array([0.5 * (low + high)]))[:, 0]
-        here = float(condition.margin(middle.tolist()))
-        if (here > 0.0) == falls:
-            low, left, before = float(middle[-1]), middle, here
+        if (float(condition.margin(middle.tolist())) > 0.0) == falls:
+            low, left = float(middle[-1]), middle
         else:
-            high, right, after = float(middle[-1]), middle, here
+            high, right = float(middle[-1]), middle
         guess = middle
     raise newton.NotConverged("the state in which a balloon stops being a sphere was not found")
+
+
+def _bracket(
+    branch: Branch, condition: Condition, low: float, high: float, falls: bool
+) -> tuple[float, float]:
+    """An interval of v about another, between whose polished ends a margin changes its sign as it should."""
+    nodes, width = branch.states[-1], high - low
+    for _ in range(_WIDER):
+        margins = [float(condition.margin(y.tolist())) for y in branch.at(np.array([low, high])).T]
+        wrong = (margins[0] > 0.0) != falls, (margins[1] > 0.0) == falls
+        if not any(wrong):
+            return low, high
+        low = max(low - width, float(nodes[0])) if wrong[0] else low
+        high = min(high + width, float(nodes[-1])) if wrong[1] else high
+    raise newton.NotConverged("a change of a margin of shape in outline is none on the branch")
 
 
 def _state(equations: Equations, condition: Condition, guess: FloatArray) -> FloatArray | None:
