@@ -14,8 +14,8 @@ from types import MappingProxyType
 class EventKind(StrEnum):
     """What can happen on the way.
 
-    From the first three the balloons go on (with a snap, along another branch, or after a flow); the others
-    end a history.
+    From the first three the balloons go on: with a snap, along another branch, or after a flow. The next four
+    end a history. The last two change nothing, unless a scenario asks to stop there.
     """
 
     LIMIT_POINT = "limit_point"
@@ -25,6 +25,8 @@ class EventKind(StrEnum):
     BREAKDOWN = "breakdown"
     RUNAWAY = "runaway"
     OUT_OF_RANGE = "out_of_range"  # a stretch beyond the curve that its elastomer was measured on
+    LOSS_OF_SPHERICITY = "loss_of_sphericity"  # a balloon would no longer stay a sphere
+    SPHERICITY_REGAINED = "sphericity_regained"
 
 
 class Outcome(StrEnum):
@@ -35,6 +37,7 @@ class Outcome(StrEnum):
     BREAKDOWN = "breakdown"
     RUNAWAY = "runaway"
     OUT_OF_RANGE = "out_of_range"
+    LOSS_OF_SPHERICITY = "loss_of_sphericity"  # where `[shape] on_loss = "stop"`
     FAILED = "failed"  # the solver gave up; the history up to there is kept, as partial
 
 
@@ -48,6 +51,9 @@ OUTCOMES: Mapping[EventKind, Outcome] = MappingProxyType(
 )
 """The events that end a history, and the outcome that it then has."""
 
+SHAPE_EVENTS = frozenset({EventKind.LOSS_OF_SPHERICITY, EventKind.SPHERICITY_REGAINED})
+"""Events that are recorded beside a history, which goes on as if the balloons were spheres."""
+
 WORDS: Mapping[EventKind, str] = MappingProxyType(
     {
         EventKind.LIMIT_POINT: "limit point",
@@ -57,6 +63,8 @@ WORDS: Mapping[EventKind, str] = MappingProxyType(
         EventKind.BREAKDOWN: "breakdown",
         EventKind.RUNAWAY: "runaway",
         EventKind.OUT_OF_RANGE: "out of range",
+        EventKind.LOSS_OF_SPHERICITY: "loss of sphericity",
+        EventKind.SPHERICITY_REGAINED: "sphericity regained",
     }
 )
 """What each kind is called where it is read, in legends and sentences."""

@@ -15,8 +15,7 @@ import pytest
 
 from simulator.scenario import ScenarioError, load_scenario
 from simulator.simulation.explanation import assembled
-from simulator.simulation.run import simulate
-from tests.pairs import pair, single
+from tests.pairs import pair, run, single
 from tests.studies import accuracy
 from tests.studies.accuracy import arclength, digest, page, study
 from tests.studies.accuracy.__main__ import main
@@ -367,7 +366,7 @@ def test_every_feature_adds_what_it_needs_and_no_more():
 
 
 def test_ten_cycles_integrate_what_one_does():
-    once, often = (simulate(load_scenario(written)).statistics for written in SCENARIOS[4:6])
+    once, often = (run(load_scenario(written)).statistics for written in SCENARIOS[4:6])
     assert (once.ida_solves, once.ida_steps) == (often.ida_solves, often.ida_steps)
     assert (once.residual_calls, once.jacobian_calls) == (often.residual_calls, often.jacobian_calls)
 
@@ -390,6 +389,6 @@ def test_what_does_not_move_the_path_costs_no_integration(more, events):
     groups = {g.equations: len(g.conditions) for step in assembled(more) for g in step.groups}
     assert groups.keys() == {g.equations: 0 for step in assembled(plain) for g in step.groups}.keys()
     assert max(groups.values()) == events
-    before, after = simulate(plain).statistics, simulate(more).statistics
+    before, after = run(plain).statistics, run(more).statistics
     assert (after.ida_solves, after.ida_steps) == (before.ida_solves, before.ida_steps)
     assert (after.residual_calls, after.jacobian_calls) == (before.residual_calls, before.jacobian_calls)

@@ -13,12 +13,13 @@ import pytest
 from simulator import EventKind, History, Outcome, SolverError, load_scenario, simulate
 from simulator.analysis.sensitivity import sensitivities
 from simulator.scenario.keys import changed_scenario, number_at
+from tests.pairs import run
 
 CASES = Path(__file__).parent / "cases"
 
 
 def played(name: str) -> History:
-    return simulate(load_scenario(CASES / f"{name}.toml"))
+    return run(load_scenario(CASES / f"{name}.toml"))
 
 
 def kinds(history: History) -> list[EventKind]:
@@ -40,7 +41,7 @@ def test_balloons_that_jump_with_the_valve_open_stop_when_the_first_breaks():
 def test_a_film_that_is_broken_at_once_moves_no_balloon():
     steps = [{"inflate": 1.25}, {"jump": {"b0": 0.5, "b1": 1.9}, "valve": "open"}]
     scenario = load_scenario(CASES / "jump-open-valve-breakdown.toml").to_dict()
-    history = simulate(load_scenario(scenario | {"step": steps}))
+    history = run(load_scenario(scenario | {"step": steps}))
     assert kinds(history) == [EventKind.JUMP, EventKind.BREAKDOWN]
     assert np.array_equal(history.events[0].stretch_before, history.stretch[-1])
 
@@ -81,7 +82,7 @@ def test_voltages_switched_off_one_after_the_other_are_off():
     wave = {"low": 0.0, "high": 0.1, "period": 1.0, "cycles": 1}
     off = [{"jump": {"a": 0.2, "b": 0.0}}, {"jump": {"a": 0.0}}, {"triangle": wave}]
     steps = [{"inflate": 0.2}, {"ramp": {"a": 0.3, "b": 0.1}}, *off]
-    history = simulate(load_scenario(scenario | {"step": steps}))
+    history = run(load_scenario(scenario | {"step": steps}))
     assert [event.step for event in history.events] == [3, 4]
     assert np.all(history.voltage[history.step == 4][-1] == 0.0)
 
@@ -147,7 +148,7 @@ def test_corners_add_no_samples():
     scenario = load_scenario(CASES / "dynamics-sample-beside-corner.toml").to_dict()
     wave = {"a": {"low": 0.0, "high": 0.2, "phase": 0.3}, "period": 1.0, "cycles": 2}
     steps = [{"inflate": 1.0}, {"ramp": 0.12}, {"triangle": wave}]
-    history = simulate(load_scenario(scenario | {"step": steps, "output": {"points": 10}}))
+    history = run(load_scenario(scenario | {"step": steps, "output": {"points": 10}}))
     assert [int((history.step == number).sum()) for number in (1, 2, 3)] == [10, 9, 9]
 
 
@@ -156,7 +157,7 @@ def test_an_edge_of_a_nanosecond_is_an_edge():
     history = played("dynamics-steep-edge")
     scenario = load_scenario(CASES / "dynamics-steep-edge.toml").to_dict()
     steps = [{"inflate": 1.0}, {"hold": 1.0}, {"jump": 0.2}, {"hold": 1.0}]
-    jumped = simulate(load_scenario(scenario | {"step": steps}))
+    jumped = run(load_scenario(scenario | {"step": steps}))
     for time in (2.02, 2.1, 3.0):
         one = history.stretch[np.argmin(np.abs(history.time - time)), 0]
         other = jumped.stretch[np.argmin(np.abs(jumped.time - time)), 0]
@@ -181,13 +182,13 @@ def test_whatever_the_integrator_raises_is_a_solver_error_with_the_history(monke
 )
 def test_the_pressure_held_is_the_one_at_which_the_valve_was_opened(key):
     scenario = load_scenario(CASES / "sensitivities-open-valve.toml")
-    history = simulate(scenario)
+    history = run(scenario)
     (turn,) = (event for event in history.events if event.kind is EventKind.LIMIT_POINT)
     at = number_at(scenario, key)
     h = 1e-3 * at
 
     def voltage(i):
-        events = simulate(changed_scenario(scenario, key, at + i * h)).events
+        events = run(changed_scenario(scenario, key, at + i * h)).events
         return next(event.voltage[0] for event in events if event.kind is EventKind.LIMIT_POINT)
 
     slope = (8.0 * (voltage(1) - voltage(-1)) - (voltage(2) - voltage(-2))) / (12.0 * h)

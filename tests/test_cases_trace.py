@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from simulator import EventKind, load_scenario, simulate
+from simulator import EventKind, load_scenario
 from simulator.analysis.fold import fold
 from simulator.analysis.sensitivity import sensitivities
 from simulator.analysis.start import sealed_state
 from simulator.analysis.trace import trace, trace_all, trace_inflation
 from simulator.cli import app
 from simulator.scenario import ScenarioError
-from tests.pairs import pair
+from tests.pairs import pair, run
 
 CASES = Path(__file__).parent / "cases"
 FIG3C = "scenarios/fig3c_state_b.toml"
@@ -132,7 +132,7 @@ def test_a_gas_in_a_vacuum_never_loses_its_pressure():
 def test_there_is_no_path_from_an_inflation_that_ends(name, said):
     """The peak of a neo-Hookean balloon, and that of the measured curve, whose valley is out of reach."""
     scenario = case(name)
-    assert simulate(scenario).outcome in ("runaway", "out_of_range")
+    assert run(scenario).outcome in ("runaway", "out_of_range")
     for verb in (trace, trace_all, lambda s: fold(s, "gas.ambient_pressure", 2.0)):
         with pytest.raises(ScenarioError, match=said) as error:
             verb(scenario)
@@ -158,7 +158,7 @@ def test_a_path_with_the_valve_open_is_that_of_a_balloon_at_constant_pressure():
     assert np.ptp(curve.pressure) == 0.0
     assert np.ptp(curve.stretch[:, 1]) < 1e-14
     first = limit_points(curve)[0]
-    (event,) = [e for e in simulate(scenario).events if e.kind is EventKind.LIMIT_POINT]
+    (event,) = [e for e in run(scenario).events if e.kind is EventKind.LIMIT_POINT]
     assert first.voltage[0] == pytest.approx(event.voltage[0], rel=1e-13)
     assert first.stretch == pytest.approx(event.stretch_before, rel=1e-9)
     sealed = limit_points(trace(pair(1.1, {"ramp": 0.6})))
@@ -254,7 +254,7 @@ def test_with_dynamics_a_limit_point_has_no_sensitivities(tmp_path):
             "dynamics": {"relaxation_time": 0.01},
         }
     )
-    history = simulate(scenario)
+    history = run(scenario)
     event = next(e for e in history.events if e.kind is EventKind.LIMIT_POINT)
     with pytest.raises(ValueError, match="passed late"):
         sensitivities(history, event)

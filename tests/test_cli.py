@@ -340,7 +340,11 @@ def test_real_run_in_a_process_of_its_own(scenario):
     assert "limit_point" in done.stdout
     record = json.loads((scenario.parent / "results/pair/run.json").read_text("utf-8"))
     assert record["outcome"] == "completed"
-    assert record["counts"]["events_by_kind"] == {"limit_point": 2}
+    assert record["counts"]["events_by_kind"] == {
+        "loss_of_sphericity": 2,
+        "limit_point": 2,
+        "sphericity_regained": 2,
+    }
     assert record["energy_balance"]["relative_imbalance"] < 1e-8
     assert record["scenario"]["gas"] == {"ambient_pressure": 0.015}
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from simulator import EventKind, Outcome, ScenarioError, load_scenario, simulate
-from tests.pairs import pair
+from simulator import EventKind, Outcome, ScenarioError, load_scenario
+from tests.pairs import pair, run
 
 UP, DOWN = {"ramp": 0.4, "over": 1}, {"ramp": 0.0, "over": 1}
 
@@ -41,10 +41,10 @@ def one_balloon(*steps, relaxation_time=1e-6, maxwell=None, **words):
 def test_limit_points_are_late_by_the_two_thirds_power_of_the_relaxation_time():
     """Passing a saddle-node at a finite rate: the delay in the drive scales as τ^(2/3)."""
     times = np.array([1e-4, 1e-5, 1e-6])
-    up, down = (event.voltage[0] for event in simulate(pair(1.2, UP, DOWN, ambient=0.015)).events)
+    up, down = (event.voltage[0] for event in run(pair(1.2, UP, DOWN, ambient=0.015)).events)
     late = []
     for tau in times:
-        history = simulate(creeping(pair(1.2, UP, DOWN, ambient=0.015), tau))
+        history = run(creeping(pair(1.2, UP, DOWN, ambient=0.015), tau))
         first, second = history.events
         assert first.kind is second.kind is EventKind.LIMIT_POINT
         late.append([first.voltage[0] - up, down - second.voltage[0]])
@@ -56,11 +56,11 @@ def test_limit_points_are_late_by_the_two_thirds_power_of_the_relaxation_time():
 def test_slow_enough_it_is_the_quasi_static_history():
     """Away from the snaps the distance falls as τ; what is dissipated tends to what the snaps lost."""
     scenario = pair(1.2, UP, DOWN, ambient=0.015, output={"points": 11})
-    quasi_static = simulate(scenario)
+    quasi_static = run(scenario)
     at = np.isin(quasi_static.time, [1.3, 1.5, 2.1, 2.2, 2.5, 2.8, 3.0])
     errors, losses = [], []
     for tau in (1e-4, 1e-5, 1e-6):
-        history = simulate(creeping(scenario, tau))
+        history = run(creeping(scenario, tau))
         same = np.isin(history.time.round(9), quasi_static.time[at].round(9))
         errors.append(np.abs(history.stretch[same] - quasi_static.stretch[at]).max())
         losses.append(abs(history.energy_balance.dissipated / quasi_static.energy_balance.dissipated - 1.0))
@@ -73,7 +73,7 @@ def test_slow_enough_it_is_the_quasi_static_history():
 def test_a_maxwell_branch_creeps_as_a_zener_solid(modulus):
     """Small strains under a held pressure: from ε/(1 + m) to ε with the retardation time t(1 + m)."""
     pressure, time = 1e-4, 2.0
-    history = simulate(
+    history = run(
         one_balloon(
             {"inflate": pressure, "over": 1e-4},
             {"hold": 10.0, "valve": "open"},
@@ -91,7 +91,7 @@ def test_a_maxwell_branch_creeps_as_a_zener_solid(modulus):
 
 def test_without_a_branch_a_step_of_pressure_is_followed_exponentially():
     pressure, tau = 1e-4, 0.5
-    history = simulate(
+    history = run(
         one_balloon({"inflate": pressure, "over": 1e-6}, {"hold": 0.2, "valve": "open"}, relaxation_time=tau)
     )
     t, strain = history.time - 1e-6, history.stretch[:, 0] - 1.0
@@ -107,7 +107,7 @@ def test_a_hold_can_snap_and_sooner_the_further_beyond():
         steps = {"hold": 200.0, "valve": "open"}, {"ramp": voltage, "over": 0.1}, {"hold": 400.0}
         stiff = {"modulus": 0.5, "time": 5.0}
         scenario = creeping(pair(1.2, *steps, ambient=0.015), 1e-3, active=stiff, passive=stiff)
-        history = simulate(scenario)
+        history = run(scenario)
         ramped = history.step == 3
         assert history.stretch[ramped].max() < 2.0  # it has not snapped yet
         held = history.step == 4
@@ -121,10 +121,10 @@ def test_each_balloon_has_its_own_time():
     """Only the voltage of one moves; the slow one lags behind."""
     scenario = pair(1.0, {"ramp": 0.2, "over": 1e-3})
     ends = [
-        simulate(creeping(scenario, {"active": a, "passive": p})).stretch[-1]
+        run(creeping(scenario, {"active": a, "passive": p})).stretch[-1]
         for a, p in ((1e-6, 1e-6), (1e-6, 10.0), (10.0, 1e-6))
     ]
-    at_rest = simulate(scenario).stretch[-1]
+    at_rest = run(scenario).stretch[-1]
     assert ends[0] == pytest.approx(at_rest, abs=1e-3)
     assert abs(ends[1][1] - at_rest[1]) > 10 * abs(ends[0][1] - at_rest[1])
     assert abs(ends[2][0] - at_rest[0]) > 10 * abs(ends[0][0] - at_rest[0])
@@ -132,25 +132,23 @@ def test_each_balloon_has_its_own_time():
 
 def test_equal_balloons_stay_equal():
     scenario = creeping(pair(1.0, {"inflate": 0.3}, {"hold": 1.0}), 0.1)
-    history = simulate(scenario)
+    history = run(scenario)
     assert history.stretch[:, 0] == pytest.approx(history.stretch[:, 1], abs=1e-12)
 
 
 def test_a_jump_moves_nothing_at_once():
     rest = {"hold": 5.0, "valve": "open"}, {"jump": 0.2}, {"hold": 5.0}
-    history = simulate(creeping(pair(1.0, *rest), 1e-3))
+    history = run(creeping(pair(1.0, *rest), 1e-3))
     before, after = np.flatnonzero(history.time == 6.0)[-2:]
     assert (history.voltage[before, 0], history.voltage[after, 0]) == (0.0, 0.2)
     assert np.array_equal(history.stretch[before], history.stretch[after])
     assert not history.events
-    assert history.stretch[-1] == pytest.approx(simulate(pair(1.0, {"jump": 0.2})).stretch[-1], abs=1e-6)
+    assert history.stretch[-1] == pytest.approx(run(pair(1.0, {"jump": 0.2})).stretch[-1], abs=1e-6)
     assert history.energy_balance.relative_imbalance < 1e-7
 
 
 def test_samples_do_not_change_the_history():
-    few, many = (
-        simulate(creeping(pair(1.2, UP, ambient=0.015, output={"points": n}), 1e-3)) for n in (2, 501)
-    )
+    few, many = (run(creeping(pair(1.2, UP, ambient=0.015, output={"points": n}), 1e-3)) for n in (2, 501))
     assert few.stretch[-1] == pytest.approx(many.stretch[-1], abs=1e-7)
     assert few.events[0].time == pytest.approx(many.events[0].time, abs=1e-8)
     assert few.energy_balance.dissipated == pytest.approx(many.energy_balance.dissipated, rel=1e-6)
@@ -158,19 +156,19 @@ def test_samples_do_not_change_the_history():
 
 def test_a_sine_is_followed_through_its_extremes():
     wave = {"sine": {"mean": 0.15, "amplitude": 0.15, "period": 2.0, "cycles": 3}}
-    history = simulate(creeping(pair(1.0, wave, output={"points": 121}), 0.05))
+    history = run(creeping(pair(1.0, wave, output={"points": 121}), 0.05))
     last, one_before = (np.isclose(history.time, t) for t in (7.0, 5.0))
     assert history.stretch[last][0] == pytest.approx(history.stretch[one_before][0], abs=1e-4)
     assert history.outcome is Outcome.COMPLETED
 
 
 def test_loss_of_tension_and_breakdown_end_it():
-    lost = simulate(creeping(pair(0.3, {"ramp": 1.0, "over": 1}, ambient=0.015), 1e-3))
+    lost = run(creeping(pair(0.3, {"ramp": 1.0, "over": 1}, ambient=0.015), 1e-3))
     assert lost.outcome is Outcome.LOSS_OF_TENSION
     assert lost.pressure[-1] == pytest.approx(0.0, abs=1e-9)
-    at_once = simulate(creeping(pair(0.0, {"ramp": 0.5, "over": 1}), 1e-3))
+    at_once = run(creeping(pair(0.0, {"ramp": 0.5, "over": 1}), 1e-3))
     assert at_once.outcome is Outcome.LOSS_OF_TENSION
-    broken = simulate(creeping(pair(1.2, UP, ambient=0.015, active={"breakdown": {"field": 2.0}}), 1e-3))
+    broken = run(creeping(pair(1.2, UP, ambient=0.015, active={"breakdown": {"field": 2.0}}), 1e-3))
     assert broken.outcome is Outcome.BREAKDOWN
     assert broken.field[-1, 0] == pytest.approx(2.0, rel=1e-8)
     assert broken.time[-1] < 2.0
@@ -178,7 +176,7 @@ def test_loss_of_tension_and_breakdown_end_it():
 
 def test_without_a_limit_it_runs_away():
     steps = {"inflate": 1.5, "over": 1.0}, {"hold": 1e3, "valve": "open"}
-    history = simulate(one_balloon(*steps, relaxation_time=0.1))
+    history = run(one_balloon(*steps, relaxation_time=0.1))
     assert history.outcome is Outcome.RUNAWAY
 
 
@@ -193,7 +191,7 @@ def test_without_a_limit_it_runs_away():
 @example(inflate=1.9140625, tau=0.2265625, legs=[0.0], modulus=1.05859375)
 def test_energy_is_conserved(inflate, tau, legs, modulus):
     scenario = pair(inflate, *[{"ramp": v} for v in legs], ambient=0.5)
-    history = simulate(creeping(scenario, tau, passive={"modulus": modulus, "time": 0.3}))
+    history = run(creeping(scenario, tau, passive={"modulus": modulus, "time": 0.3}))
     assert history.energy_balance.relative_imbalance < 1e-6
     assert history.energy_balance.dissipated >= 0.0
 
@@ -240,8 +238,8 @@ def test_a_chamber_of_gas_is_felt():
     written = pair(1.0, {"ramp": 0.2, "over": 10}).to_dict()
     written["gas"] = {"ambient_pressure": 0.5, "chamber": 3.0, "law": "adiabatic"}
     scenario = load_scenario(written)
-    history = simulate(creeping(scenario, 1e-5))
-    assert history.stretch[-1] == pytest.approx(simulate(scenario).stretch[-1], abs=1e-5)
+    history = run(creeping(scenario, 1e-5))
+    assert history.stretch[-1] == pytest.approx(run(scenario).stretch[-1], abs=1e-5)
     assert history.energy_balance.relative_imbalance < 1e-7
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from simulator.events import OUTCOMES, WORDS, EventKind, Outcome
+from simulator.events import OUTCOMES, SHAPE_EVENTS, WORDS, EventKind, Outcome
 from simulator.simulation.recorder import sample_fractions
 from tests.pairs import pair, run
 
@@ -12,9 +12,14 @@ GO_ON = {EventKind.LIMIT_POINT, EventKind.BRANCH_POINT, EventKind.JUMP}
 
 
 def test_every_kind_ends_a_history_or_goes_on():
-    assert set(OUTCOMES) == set(EventKind) - GO_ON
+    assert set(OUTCOMES) == set(EventKind) - GO_ON - SHAPE_EVENTS
     assert all(outcome.value == kind.value for kind, outcome in OUTCOMES.items())
-    assert set(Outcome) == {*OUTCOMES.values(), Outcome.COMPLETED, Outcome.FAILED}
+    assert set(Outcome) == {
+        *OUTCOMES.values(),
+        Outcome.LOSS_OF_SPHERICITY,
+        Outcome.COMPLETED,
+        Outcome.FAILED,
+    }
 
 
 def test_every_kind_has_words():

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 
-from simulator import History, load_scenario, simulate
+from simulator import History, load_scenario
 from tests import fuzz
 from tests.fuzz import comparison
 from tests.oracle.closed_form import SealedPair, equilibrium_curve
+from tests.pairs import run
 
 OUTCOMES: Counter[str] = Counter()
 
@@ -85,8 +86,8 @@ def shifted(history: History, change: str) -> History:
 @pytest.mark.parametrize("change", ["sample", "branch", "event", "landing", "missing", "energy"])
 def test_what_is_wrong_is_seen(change: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert not fuzz.examine(LOOP).problems
-    wrong = shifted(simulate(load_scenario(LOOP)), change)
-    monkeypatch.setattr(comparison, "simulate", lambda _: wrong)
+    wrong = shifted(run(load_scenario(LOOP)), change)
+    monkeypatch.setattr(comparison, "run", lambda _: wrong)
     assert fuzz.examine(LOOP).problems
 
 

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from simulator import History, load_scenario, simulate
+from simulator import History, load_scenario
 from tests.fuzz import grammar, happenings, metamorphic, soundness, twins
 from tests.fuzz.keeping import keep, kept
 from tests.fuzz.running import Runner
 from tests.oracle.general.walls import gent
+from tests.pairs import run
 
 LOOP = {
     "title": "3c B",
@@ -107,7 +108,7 @@ def test_kept_scenarios_come_back(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def loop() -> History:
-    return simulate(load_scenario(LOOP))
+    return run(load_scenario(LOOP))
 
 
 def test_a_sound_history_has_no_problems(loop: History) -> None:
@@ -174,15 +175,15 @@ def test_twins_have_the_same_history(tmp_path: Path) -> None:
         other = twin(LOOP, rng, tmp_path)
         if other is not None:
             made += 1
-            first, second = simulate(load_scenario(LOOP)), simulate(load_scenario(other.document))
+            first, second = run(load_scenario(LOOP)), run(load_scenario(other.document))
             assert metamorphic.difference(first, second, other) is None
     assert made >= 9
 
 
 def test_twins_that_differ_are_seen() -> None:
-    first = simulate(load_scenario(LOOP))
+    first = run(load_scenario(LOOP))
     for changed in ({"ambient_pressure": 0.0150001}, {"ambient_pressure": 0.2}):
-        second = simulate(load_scenario({**LOOP, "gas": changed}))
+        second = run(load_scenario({**LOOP, "gas": changed}))
         assert metamorphic.difference(first, second, twins.Twin(LOOP)) is not None
 
 

@@ -28,7 +28,6 @@ from simulator.model.elastomers import (
 )
 from simulator.scenario import PRESETS, Preset, Python, ScenarioError, load_scenario
 from simulator.simulation.explanation import explain
-from simulator.simulation.run import simulate
 from simulator.solver.follow import PathError
 from tests.pairs import kinds, pair, run, single
 
@@ -185,7 +184,7 @@ def test_a_curve_that_swings_below_zero_is_refused(tmp_path):
     (tmp_path / "x.csv").write_text("stretch,stress\n1,0\n2,9\n3,.1\n4,.1\n5,9\n6,.1", encoding="utf-8")
     scenario = single({"inflate": 1}, elastomer={"model": "tabulated", "table": str(tmp_path / "x.csv")})
     with pytest.raises(ScenarioError, match=r"only.elastomer = .* falls below 0 near stretch .*, smooth it"):
-        simulate(scenario)
+        run(scenario)
 
 
 def test_a_curves_path_starts_at_the_folder_of_the_scenario(tmp_path, monkeypatch):
@@ -333,7 +332,7 @@ def test_what_is_no_elastomer_is_refused_by_name():
             return 12.0 * x, 0.0
 
     scenario = pair(1.0).with_elastomers({"passive": Wrong()})
-    for use in (simulate, explain, trace):
+    for use in (run, explain, trace):
         with pytest.raises(ScenarioError, match=r"must have N′ in pole_form_slope .* at stretch") as caught:
             use(scenario)
         assert caught.value.key == "balloon.passive.elastomer"

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
-from simulator import History, load_scenario, simulate
+from simulator import History, load_scenario
 from simulator.analysis.trace import sealed_state
 from simulator.solver import newton
-from tests.pairs import pair
+from tests.pairs import pair, run
 
 SOFT = {"model": "ogden", "mu": [1.49, 0.003, -0.024], "alpha": [1.3, 5.0, -2.0]}
 GENT = {"model": "gent", "J_lim": 100.0}
 
 
 def played(written: dict[str, object]) -> History:
-    return simulate(load_scenario({"title": "far beyond the limit point", **written}))
+    return run(load_scenario({"title": "far beyond the limit point", **written}))
 
 
 def ogden_force(stretch: mpf) -> mpf:

@@ -10,13 +10,14 @@ from simulator.results.history import EventKind, History, Outcome
 from simulator.scenario import load_scenario
 from simulator.simulation.run import simulate
 from tests.closed_form import Pair, inflated
+from tests.pairs import run
 
 # Voltages to 1e-10, states to 1e-9.
 VOLTAGE, STATE = 1e-10, 1e-9
 
 
 def played(name: str) -> History:
-    return simulate(load_scenario(f"scenarios/{name}.toml"))
+    return run(load_scenario(f"scenarios/{name}.toml"))
 
 
 def voltage_events(history: History):

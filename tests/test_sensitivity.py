@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simulator import load_scenario, simulate
+from simulator import load_scenario
 from simulator.analysis.fold import fold
 from simulator.analysis.sensitivity import all_sensitivities, sensitivities
 from simulator.results.history import EventKind
 from simulator.scenario.keys import changed_scenario, number_at, physical_keys
-from tests.pairs import pair, single
+from tests.pairs import pair, run, single
 from tests.sweeps import FIG3C, FIG5B, balloons
 
 UP = {"ramp": 0.75}
@@ -26,7 +26,7 @@ def turns(history):
 
 
 def by_key(scenario, place=0, keys=None):
-    history = simulate(scenario)
+    history = run(scenario)
     return {one.key: one.derivative for one in sensitivities(history, turns(history)[place], keys)}
 
 
@@ -36,7 +36,7 @@ def differences(scenario, key):
     h = 1e-3 * at
 
     def voltages(i):
-        return np.array([e.voltage[0] for e in turns(simulate(changed_scenario(scenario, key, at + i * h)))])
+        return np.array([e.voltage[0] for e in turns(run(changed_scenario(scenario, key, at + i * h)))])
 
     return (8.0 * (voltages(1) - voltages(-1)) - (voltages(2) - voltages(-2))) / (12.0 * h)
 
@@ -49,7 +49,7 @@ def difference(scenario, key):
 def test_every_number_against_histories(key):
     scenario = pair(1.2, {"ramp": 0.4}, {"ramp": 0.0}, ambient=0.015, output={"points": 2})
     slopes = differences(scenario, key)
-    history = simulate(scenario)
+    history = run(scenario)
     for event, slope in zip(turns(history), slopes, strict=True):
         (found,) = sensitivities(history, event, [key])
         assert found.derivative == pytest.approx(slope, rel=2e-6, abs=1e-10)
@@ -89,7 +89,7 @@ def test_what_scales_together_moves_together(radius, load, ambient, stiffness, w
         active=active,
         passive={"modulus": stiffness},
     )
-    history = simulate(scenario)
+    history = run(scenario)
     if not turns(history) or turns(history)[0].step != 2:
         return
     found = by_key(scenario)
@@ -108,7 +108,7 @@ def test_what_scales_together_moves_together(radius, load, ambient, stiffness, w
 
 
 def test_the_peak_of_an_inflation_moves_as_its_scale():
-    history = simulate(load_scenario(FIG5B))
+    history = run(load_scenario(FIG5B))
     found = {one.key: one for one in sensitivities(history, turns(history)[0])}
     assert {one.of for one in found.values()} == {"pressure"}
     peak = 1.2536545513
@@ -147,7 +147,7 @@ def test_voltages_by_name():
         ambient=0.05,
         passive={"electrodes": True},
     )
-    history = simulate(scenario)
+    history = run(scenario)
     both = sensitivities(history, turns(history)[0], ["step.1.inflate"])
     assert [one.of for one in both] == ["voltage_active", "voltage_passive"]
     assert both[0].derivative == pytest.approx(difference(scenario, "step.1.inflate"), rel=1e-6)
@@ -158,7 +158,7 @@ def test_a_film_never_inflated():
     """φ* = max √(f/2λ³) whatever its radius: only k, e, h and J act, as φ* ∝ h√(k/e)."""
     scenario = single({"ramp": 0.8, "valve": "open"})
     found = by_key(scenario)
-    at = float(turns(simulate(scenario))[0].voltage[0])
+    at = float(turns(run(scenario))[0].voltage[0])
     assert at == pytest.approx(0.6873, abs=3e-3)  # that of a neo-Hookean film, 3^(1/2)/2^(4/3), and J = 100
     assert found["balloon.only.thickness"] == pytest.approx(at, rel=1e-9)
     assert found["balloon.only.modulus"] == pytest.approx(at / 2, rel=1e-9)
@@ -167,10 +167,10 @@ def test_a_film_never_inflated():
 
 
 def test_only_limit_points_have_them():
-    history = simulate(pair(1.2, UP))
+    history = run(pair(1.2, UP))
     with pytest.raises(ValueError, match=r"loss_of_tension at time .*: only a limit point moves smoothly"):
         sensitivities(history, history.events[0])
-    history = simulate(load_scenario(FIG3C))
+    history = run(load_scenario(FIG3C))
     off = replace(turns(history)[0], stretch_before=turns(history)[0].stretch_before * 1.01)
     with pytest.raises(ArithmeticError, match="the state is no limit point"):
         sensitivities(history, off)
@@ -182,7 +182,7 @@ def test_run_writes_them_when_asked(tmp_path):
     assert "sensitivities.csv" in result.stdout
     with open(tmp_path / "sensitivities.csv", newline="") as stream:
         rows = list(csv.DictReader(stream))
-    expected = all_sensitivities(simulate(load_scenario(FIG3C)))
+    expected = all_sensitivities(run(load_scenario(FIG3C)))
     assert [float(row["derivative"]) for row in rows] == [one.derivative for one in expected]
     assert {row["key"] for row in rows} == set(physical_keys(load_scenario(FIG3C)))
     assert np.isfinite([one.derivative for one in expected]).all()

@@ -17,7 +17,6 @@ from simulator.analysis.fold import fold
 from simulator.analysis.trace import trace, trace_inflation
 from simulator.cli import app
 from simulator.scenario import ScenarioError, load_scenario
-from simulator.simulation.run import simulate
 from simulator.units import Dimension, Scales
 from tests.pairs import run
 
@@ -32,7 +31,7 @@ VOLTAGE = 0.5e-3 * FIELD
 
 @pytest.fixture(scope="module")
 def history():
-    return simulate(load_scenario(VHB))
+    return run(load_scenario(VHB))
 
 
 def test_a_scenario_in_units_and_its_twin_have_one_history(history) -> None:
@@ -173,7 +172,7 @@ def test_a_limit_point_follows_a_text_with_a_unit() -> None:
     data = scenario.to_dict()
     data["step"][0]["inflate"] = "0.8 kPa"
     data["step"][1]["ramp"] = "9 kV"
-    (event, *_) = simulate(load_scenario(data)).events
+    (event, *_) = run(load_scenario(data)).events
     assert table["voltage [V]"].iloc[-1] == pytest.approx(event.voltage[0] * VOLTAGE, rel=1e-10)
 
 

@@ -542,8 +542,9 @@ def test_snaps_about_to_vanish(J_lim, snaps):
 
 
 def test_a_failed_step_keeps_what_it_reached(monkeypatch):
-    from simulator.simulation.run import SolverError, simulate
+    from simulator.simulation.run import SolverError
     from simulator.solver import flow
+    from tests.pairs import run
 
     def fail(*_, **__):
         raise flow.FlowError("for the test")
@@ -551,7 +552,7 @@ def test_a_failed_step_keeps_what_it_reached(monkeypatch):
     monkeypatch.setattr(flow, "snap", fail)
     scenario = pair(1.2, {"ramp": 0.4, "over": 10}, ambient=0.015)
     with pytest.raises(SolverError, match="step 2, time 10: for the test") as error:
-        simulate(scenario)
+        run(scenario)
     history = error.value.history
     assert history.outcome is Outcome.FAILED
     assert history.voltage[-1, 0] == pytest.approx(0.36, abs=0.004)

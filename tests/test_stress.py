@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from simulator import load_scenario, simulate
+from simulator import load_scenario
 from simulator.solver import certify, flow, landing, newton, proposals
 from tests import fuzz
-from tests.pairs import pair
+from tests.pairs import pair, run
 from tests.studies.stress import FAILS, Case, Finding, Row, cases, examine
 from tests.studies.stress.__main__ import main
 from tests.studies.stress.case import counted
@@ -55,7 +55,7 @@ def test_nothing_is_known_to_fail() -> None:
 
 
 def test_the_stretch_comes_within_1e_9_of_its_limit() -> None:
-    history = simulate(CASES["φ up to 1e4"].load())
+    history = run(CASES["φ up to 1e4"].load())
     limit = np.sqrt(0.5 * 103.0)  # 2λ² + λ⁻⁴ = J + 3
     for _ in range(20):
         limit -= (2 * limit**2 + limit**-4 - 103.0) / (4 * limit - 4 * limit**-5)
@@ -66,7 +66,7 @@ def test_limit_point_and_loss_of_tension_coincide() -> None:
     """Below that pressure there is a limit point before p = 0, above it there is none."""
     ambient = coincidence()
     kinds = [
-        [e.kind.value for e in simulate(pair(1.2, {"ramp": 0.6}, ambient=ambient * (1.0 + d))).events]
+        [e.kind.value for e in run(pair(1.2, {"ramp": 0.6}, ambient=ambient * (1.0 + d))).events]
         for d in (-1e-4, 1e-4)
     ]
     assert kinds == [["limit_point", "loss_of_tension"], ["loss_of_tension"]]
@@ -88,8 +88,8 @@ def test_checks_see_another_history(name: str, change: dict[str, float]) -> None
     case = CASES[name]
     written = case.load().to_dict()
     written["step"] = [written["step"][0], change, *written["step"][2:]]
-    other = simulate(load_scenario(written))
-    history = simulate(case.load())
+    other = run(load_scenario(written))
+    history = run(case.load())
     wrong = replace(other, scenario=history.scenario)
     if name == "12 balloons, one driven":  # nothing to compare with but itself
         wrong = replace(history, stretch=history.stretch + 1e-7)
@@ -189,10 +189,10 @@ def _unchecked(disturbance: Disturbance, strikes):
 
 
 def test_difference() -> None:
-    one, other = (simulate(pair(1.2, {"ramp": v}, ambient=0.015)) for v in (0.3, 0.3 + 1e-7))
+    one, other = (run(pair(1.2, {"ramp": v}, ambient=0.015)) for v in (0.3, 0.3 + 1e-7))
     assert difference(one, one) == 0.0
     assert 1e-9 < difference(one, other) < 1e-5
-    snapped = simulate(pair(1.2, {"ramp": 0.4}, ambient=0.015))
+    snapped = run(pair(1.2, {"ramp": 0.4}, ambient=0.015))
     assert difference(one, snapped) == float("inf")
 
 

@@ -57,7 +57,7 @@ def test_what_the_paper_finds_is_what_the_rows_say(radius, ambient, inflation, b
 def test_a_row_has_the_numbers_of_the_history(tmp_path):
     (_, row), *_ = swept(tmp_path, {"scenario": str(FIG3C), "vary": {"step.1.inflate": [1.2]}}).iterrows()
     history = simulate(load_scenario(FIG3C))
-    up, down = history.events
+    up, down = history.mechanical
     assert row["limit_points"] == 2
     assert row["limit_point_1_voltage_active"] == up.voltage[0] == pytest.approx(0.36044087, abs=5e-9)
     assert row["limit_point_2_voltage_active"] == down.voltage[0] == pytest.approx(0.27029133, abs=5e-9)

@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simulator import ScenarioError, explain, load_scenario, simulate
+from simulator import ScenarioError, explain, load_scenario
 from simulator.analysis.sensitivity import all_sensitivities, sensitivities
 from simulator.cli.summary import summarise_run
+from tests import pairs
 
 GENT = {"model": "gent", "J_lim": 100}
 SCALES = {"shear_modulus": "45 kPa", "thickness": "0.5 mm", "radius": "20 mm", "permittivity": 4.7}
@@ -29,7 +30,7 @@ def two(*steps, gas=None, a=None, b=None, **more):
 
 
 def run(written):
-    return simulate(load_scenario(written))
+    return pairs.run(load_scenario(written))
 
 
 @pytest.mark.parametrize(
@@ -116,7 +117,7 @@ def test_units_in_until_in_waves_by_name_and_in_a_power_law(capsys):
     scenario = load_scenario(written)
     assert scenario.to_dict() == before
     assert load_scenario(scenario.to_dict()) == scenario
-    history = simulate(scenario)
+    history = run(scenario)
     assert [stop.reached for stop in history.stops] == ["pressure = 900 Pa"]
     assert scenario.scales is not None
     at = np.flatnonzero(history.step == 2)[-1]

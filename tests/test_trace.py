@@ -16,7 +16,7 @@ from simulator.results.columns import curve_columns, point_columns
 from simulator.results.files import OutputError
 from simulator.results.plot import plot_curves, png
 from simulator.results.tables import write_curves
-from simulator.scenario import ScenarioError, load_scenario
+from simulator.scenario import ScenarioError, Shape, load_scenario
 from simulator.solver.follow import PathError
 from tests.closed_form import Pair
 from tests.pairs import gent_force, pair, single
@@ -303,15 +303,19 @@ def test_columns_of_a_path():
     table = curve.to_dataframe()
     assert list(table) == [
         "arclength", "voltage_active", "stretch_active", "stretch_passive", "pressure", "field_active",
-        "charge_active", "energy", "stability", "stable",
+        "charge_active", "energy", "stability", "stable", "sphericity_active", "sphericity_passive",
+        "spheres",
     ]  # fmt: skip
     assert len(table) == len(curve)
     assert table["stable"].dtype == bool
     points = curve.points_to_dataframe()
     assert list(points) == [
-        "kind", "arclength", "voltage_active", "stretch_active", "stretch_passive", "pressure",
+        "kind", "balloon", "mode", "arclength", "voltage_active", "stretch_active", "stretch_passive",
+        "pressure",
     ]  # fmt: skip
-    assert points["kind"].tolist() == ["limit_point", "limit_point", "loss_of_tension"]
+    assert points["kind"].tolist() == [
+        "loss_of_sphericity", "limit_point", "limit_point", "sphericity_regained", "loss_of_tension",
+    ]  # fmt: skip
 
 
 def test_files_of_a_path_read_back_exactly(tmp_path):
@@ -321,7 +325,7 @@ def test_files_of_a_path_read_back_exactly(tmp_path):
     assert b",true\n" in paths[0].read_bytes()
     pd.testing.assert_frame_equal(pd.read_csv(paths[0], **EXACT), curve.to_dataframe(), check_exact=True)
     pd.testing.assert_frame_equal(
-        pd.read_csv(paths[1], **EXACT),
+        pd.read_csv(paths[1], keep_default_na=False, **EXACT),
         curve.points_to_dataframe(),
         check_exact=True,
         check_dtype=False,
@@ -344,7 +348,7 @@ def test_a_path_that_cannot_be_written(tmp_path):
 
 
 def test_picture_shows_stable_solid_and_unstable_dashed():
-    curve = trace(scenario("3c_b"))
+    curve = trace(scenario("3c_b").model_copy(update={"shape": Shape(on_loss="ignore")}))
     (ax,) = curve.plot().axes
     parts = [line for line in ax.get_lines() if line.get_marker() == "None"]
     assert [line.get_linestyle() for line in parts] == ["-", "--", "-"]
@@ -411,7 +415,7 @@ def test_trace_of_an_inflation(tmp_path):
     assert done.exit_code == 0
     assert "end      reached" in done.stdout
     table = pd.read_csv(tmp_path / "points.csv")
-    assert list(table) == ["kind", "arclength", "stretch_first", "pressure"]
+    assert list(table) == ["kind", "balloon", "mode", "arclength", "stretch_first", "pressure"]
     assert table["pressure"].to_numpy()[-1] == 3.0
 
 

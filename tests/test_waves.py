@@ -489,7 +489,7 @@ def test_sealed_at_no_pressure_a_wave_loses_tension_at_once(phase):
 
 
 def test_a_failed_leg_keeps_what_it_reached(monkeypatch):
-    from simulator.simulation.run import SolverError, simulate
+    from simulator.simulation.run import SolverError
     from simulator.solver import flow
 
     snap, calls = flow.snap, []
@@ -503,7 +503,7 @@ def test_a_failed_leg_keeps_what_it_reached(monkeypatch):
     monkeypatch.setattr(flow, "snap", fail)
     wave = sine(cycles=3.0, **apart({"mean": 0.25, "amplitude": 0.2}, 0.0, 0.5))
     with pytest.raises(SolverError, match=r"step 3, time 3\.9") as error:
-        simulate(actuators({"inflate": 1.2}, {"ramp": 0.25}, wave, ambient=0.015))
+        run(actuators({"inflate": 1.2}, {"ramp": 0.25}, wave, ambient=0.015))
     history = error.value.history
     assert history.outcome is Outcome.FAILED
     assert len(history.events) == 3

@@ -7,9 +7,12 @@ With the parameter q as one more unknown, the conditions of a limit point,
 define a curve again, and it is followed like any other: IDA along its arclength, every point polished.
 Derivatives in all unknowns, q included, are by complex step, exact for any number of the scenario.
 
+For a loss of sphericity the last equation is s = 0 of one balloon instead.
+
 The curve ends at `to`, or earlier: at a cusp, where two limit points meet and annihilate; where the limit
 point meets the loss of tension (p = 0) or zero voltage; or where the inflated state itself ends, or the
-inflation leads to another one, as a peak has come to lie above or below its pressure.
+inflation leads to another one, as a peak has come to lie above or below its pressure. A loss of sphericity
+ends also where it meets a limit point, and in place of a cusp has a turning point, where two of them meet.
 """
 
 from __future__ import annotations
@@ -43,13 +46,22 @@ FloatArray = NDArray[np.float64]
 _STEP = 1e-30
 _RTOL = 1e-5
 _HALVINGS = 36
+FOLLOWED = ("limit_point", "loss_of_sphericity", "sphericity_regained")
 _NO_VOLTAGE = 1e-4  # a voltage this small where the parameter turns round is zero
 
 
 def fold(
-    scenario: ScenarioLike, vary: str, to: float | str, *, point: int = 1, inflation: str | None = None
+    scenario: ScenarioLike,
+    vary: str,
+    to: float | str,
+    *,
+    of: str = "limit_point",
+    point: int = 1,
+    inflation: str | None = None,
 ) -> FoldCurve:
     """Follow a limit point of a scenario's equilibrium path while one of its numbers changes.
+
+    Or where a balloon stops being a sphere on it.
 
     Parameters
     ----------
@@ -61,8 +73,10 @@ def fold(
         `balloon.<name>.elastomer.J_lim`; `balloon.*.…` changes all balloons together.
     to : float or str
         Value at which to stop, dimensionless; with [scales] also a text with a unit.
+    of : {"limit_point", "loss_of_sphericity", "sphericity_regained"}
+        What to follow.
     point : int
-        Which limit point of the path, from 1.
+        Which one of the path, from 1.
     inflation : str, optional
         Name of a balloon: follow a limit point of its pressure-controlled inflation instead.
 
@@ -76,7 +90,7 @@ def fold(
     Raises
     ------
     ScenarioError
-        If the key is no number of the scenario, `to` no other value of it, or there is no such limit point.
+        If the key is no number of the scenario, `to` no other value of it, or there is no such point.
     PathError
         If the curve cannot be followed.
 
@@ -89,16 +103,19 @@ def fold(
     ('reached', 0.395319)
     """
     scenario = load_scenario(scenario)
+    if of not in FOLLOWED:
+        raise ScenarioError(scenario.file, Problem("of", of, f"must be one of {', '.join(FOLLOWED)}"))
     varied = Varied.of(scenario, vary)
     dimension = dimension_of(scenario, vary)
     to = dimensionless(scenario, "to", to, dimension)
     check_value(scenario, vary, to, varied.value)
     curve = trace_inflation(scenario, inflation) if inflation is not None else trace(scenario)
-    turns = [p for p in curve.points if p.kind == "limit_point"]
+    turns = [p for p in curve.points if p.kind == of]
     if not 1 <= point <= len(turns):
-        raise ScenarioError(
-            scenario.file, Problem("point", point, f"there are {len(turns)} limit points, counted from 1")
-        )
+        many = f"there are {len(turns)} of {of.replace('_', ' ')}, counted from 1"
+        if of == "limit_point":
+            many = f"there are {len(turns)} limit points, counted from 1"
+        raise ScenarioError(scenario.file, Problem("point", point, many))
     problem, start = _problem(scenario, varied, curve, turns[point - 1], inflation)
     effort = Effort()
     try:
@@ -124,6 +141,8 @@ def fold(
         ida_steps=effort.ida_steps,
         dimension=dimension,
         scales=scenario.scales,
+        of=of,
+        balloon=turns[point - 1].balloon,
     )
 
 
@@ -133,22 +152,26 @@ def _problem(
     """The equations of a limit point, and the limit point of the scenario itself."""
     names = varied.device.names
     if inflation is not None:
-        alone = Alone(varied, names.index(inflation), inflates=True)
+        alone = Alone(varied, names.index(inflation), inflates=True, mode=turn.mode)
         return alone, np.array([*turn.stretch, turn.pressure, varied.value])
     device, group, start = sealed_state(scenario)
     if group.equations.is_open:
         # With the valve open the balloons do not feel each other: it is one of them that turns.
         line = VoltageLine.common(len(device.electroded))
-        place = min(
-            device.electroded,
-            key=lambda i: abs(
-                device.membrane(i, line).stiffness(turn.stretch[i], turn.pressure, turn.voltage[0])[0]
-            ),
+        place = (
+            names.index(turn.balloon)
+            if turn.balloon
+            else min(
+                device.electroded,
+                key=lambda i: abs(
+                    device.membrane(i, line).stiffness(turn.stretch[i], turn.pressure, turn.voltage[0])[0]
+                ),
+            )
         )
-        alone = Alone(varied, place, inflates=False)
+        alone = Alone(varied, place, inflates=False, mode=turn.mode)
         return alone, np.array([turn.stretch[place], turn.voltage[0], varied.value])
     state = [*start[: len(names)], *turn.stretch, turn.pressure, turn.voltage[0], varied.value]
-    return Sealed(varied), np.array(state)
+    return Sealed(varied, names.index(turn.balloon) if turn.balloon else -1, turn.mode), np.array(state)
 
 
 _Function = Callable[[Sequence[Number]], list[Number]]
@@ -211,10 +234,14 @@ def _followed(problem: LimitPoint, start: FloatArray, to: float, effort: Effort)
     start = _corrected(problem, start, ahead)
     direction = _tangent(problem, start, ahead)
 
+    # A loss of sphericity ends where it meets a limit point, from whichever side.
+    side = np.sign(problem.singularity(start.tolist()))
+
     def events(values: list[float], rates: list[float]) -> list[float]:
         return [
             sense * (to - values[-1]),
             sense * rates[-1],
+            *([] if problem.mode is None else [side * problem.singularity(values)]),
             *(margin for *_, margin in problem.margins(values)),
         ]
 
@@ -242,10 +269,16 @@ def _end(
     problem: LimitPoint, found: FloatArray, towards: FloatArray, to: float, ended: int
 ) -> tuple[FloatArray, str]:
     """The last point, polished, and what it is."""
-    kinds: list[tuple[str, int | None, float]] = [("reached", -1, 0.0), ("cusp", None, 0.0)]
+    turns = "cusp" if problem.mode is None else "turning_point"
+    kinds: list[tuple[str, int | None, float]] = [("reached", -1, 0.0), (turns, None, 0.0)]
+    if problem.mode is not None:
+        kinds.append(("limit_point", None, 0.0))
     margins = problem.margins(found.tolist())
     kind, place, _ = [*kinds, *margins][ended]
-    if kind == "cusp":
+    if kind == "limit_point":
+        both = _solved(lambda z: [*problem.residual(z), problem.singularity(z)], found, problem.scales)
+        return both, kind
+    if kind == turns:
         # The equations are even in the voltage: where it is zero the parameter turns round as well.
         beside = (margin for margin in margins if margin[0] == "zero_voltage" and margin[2] < _NO_VOLTAGE)
         kind, place, _ = next(beside, (kind, place, 0.0))
@@ -269,7 +302,7 @@ def _end(
     width = next((w for w in (1e-3, 1e-2, 5e-2) if turning(-w) * turning(w) < 0.0), None)
     if width is None:
         raise NotConverged("where the parameter turns round")
-    return point(optimize.brentq(turning, -width, width, xtol=1e-14)), "cusp"
+    return point(optimize.brentq(turning, -width, width, xtol=1e-14)), turns
 
 
 def _as_inflated(problem: LimitPoint, states: FloatArray, end: str) -> tuple[FloatArray, str]:

@@ -1,4 +1,4 @@
-"""How a limit point moves when a number of the scenario changes.
+"""How a limit point, or where a balloon stops being a sphere, moves when a number of the scenario changes.
 
 At a limit point the equations R(x, v; q) = 0 have a singular ∂R/∂x. With z its left null vector,
 zᵀ∂R/∂x = 0, the change of the drive v at which the branch folds is explicit, with nothing to solve for:
@@ -10,6 +10,8 @@ dλ⁰/dq = −(∂g/∂q)/(∂g/∂λ). With the valve open the pressure is the
 moves with the sealed state of that moment. Derivatives in q are differences of R, not of limit points: of a
 smooth function at one state, with central differences of fourth order good to ten digits or more. So any
 number that the scenario's grammar has can be q.
+
+A loss of sphericity is a regular point of R = 0, s = 0: (x, v) moves by the implicit function theorem.
 """
 
 from __future__ import annotations
@@ -21,39 +23,38 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.events import EventKind
+from simulator.analysis.limit_points import margin_of
+from simulator.analysis.past import Moving, OpenState, derivative, last_open, opened, sealed_gas
+from simulator.events import SHAPE_EVENTS, EventKind
+from simulator.model.conditions import gradient
 from simulator.model.device import Device
 from simulator.model.drive import VoltageLine
 from simulator.results.history import Event, History
 from simulator.results.sensitivity import Sensitivity
 from simulator.scenario import Charge, Inflate, Sine, SineByName, duration
-from simulator.scenario.keys import changed_scenario, number_at, physical_keys
+from simulator.scenario.keys import number_at, physical_keys
 from simulator.simulation import motion
 from simulator.simulation.motion import Electrodes
 
 if TYPE_CHECKING:
-    from simulator.model.contents import Contents
     from simulator.model.groups import AnyEquations
     from simulator.scenario import PlayedStep, Scenario
 
 FloatArray = NDArray[np.float64]
 
-_STEP = 1e-3  # of q; the differences' error is about its fourth power, rounding one over it
-_CENTRAL = {-2: 1.0 / 12.0, -1: -2.0 / 3.0, 1: 2.0 / 3.0, 2: -1.0 / 12.0}
-_FORWARD = {0: -25.0 / 12.0, 1: 4.0, 2: -3.0, 3: 4.0 / 3.0, 4: -0.25}
 _SINGULAR = 1e-6  # of rows of unit length
 
 
 def sensitivities(
     history: History, event: Event, keys: Sequence[str] | None = None
 ) -> tuple[Sensitivity, ...]:
-    """Derivatives of a limit point of a history in numbers of its scenario.
+    """Derivatives of a limit point, or a loss of sphericity, of a history in numbers of its scenario.
 
     Parameters
     ----------
     history : History
     event : Event
-        A limit point of it.
+        A limit point of it; or a balloon's loss of sphericity, or its end, on a branch.
     keys : sequence of str, optional
         Which numbers, by dotted key. Default: all that the device, its gas and its inflation have,
         see `keys.physical_keys`.
@@ -66,7 +67,7 @@ def sensitivities(
     Raises
     ------
     ValueError
-        If the event is no limit point, is one of given charges or of sines by name, or comes after a step
+        If the event is none of these, is one of given charges or of sines by name, or comes after a step
         that an `until` ended: where that is moves with the numbers too. Also if the scenario has
         `[dynamics]`, with which a limit point is passed late.
     ArithmeticError
@@ -82,8 +83,11 @@ def sensitivities(
     """
     if history.scenario.dynamics is not None:
         raise ValueError("with [dynamics] a limit point is passed late: it has no sensitivities")
-    if event.kind is not EventKind.LIMIT_POINT:
-        raise ValueError(f"{event.kind.value} at time {event.time}: only a limit point moves smoothly")
+    if not _moves_smoothly(event):
+        raise ValueError(
+            f"{event.kind.value} at time {event.time}: only a limit point, "
+            "or a change of shape on a branch, moves smoothly"
+        )
     scenario = history.scenario
     here = _Here.of(history, event)
     found = []
@@ -100,12 +104,15 @@ def sensitivities(
                 )
                 if share
             ]
-        found += [Sensitivity(event.time, event.step, of, at, key, value, slope) for of, at, slope in moved]
+        found += [
+            Sensitivity(event.time, event.step, of, at, key, value, slope, event.kind.value)
+            for of, at, slope in moved
+        ]
     return tuple(found)
 
 
 def all_sensitivities(history: History) -> tuple[Sensitivity, ...]:
-    """`sensitivities` of all limit points of a history, in all numbers of its device.
+    """`sensitivities` of all limit points and changes of shape of a history, in all numbers of its device.
 
     Those in voltage or pressure, along a line and not after a step that an `until` ended; with
     `[dynamics]` a limit point is passed late, and there are none.
@@ -119,51 +126,36 @@ def all_sensitivities(history: History) -> tuple[Sensitivity, ...]:
     turns = [
         event
         for event in history.events
-        if event.kind is EventKind.LIMIT_POINT
-        and not curved[event.step - 1]
-        and not _ended_early(history, event)
+        if _moves_smoothly(event) and not curved[event.step - 1] and not _ended_early(history, event)
     ]
     return tuple(one for event in turns for one in sensitivities(history, event))
 
 
-@dataclass(frozen=True)
-class _Open:
-    """The valve open: the state at the end of a step, or at a limit point in it.
-
-    `number` is that step, 0 where the valve was never open; `sources` are what the electrodes are given. The
-    pressure is that of an inflation, unless `before` is the sealed state in which the valve was opened.
-    """
-
-    number: int
-    stretch: FloatArray
-    pressure: float
-    sources: VoltageLine
-    before: _Sealed | None
-
-
-@dataclass(frozen=True)
-class _Sealed:
-    """The valve closed: a state, and the one in which the valve was closed."""
-
-    stretch: FloatArray
-    pressure: float
-    sources: VoltageLine
-    since: _Open
+def _moves_smoothly(event: Event) -> bool:
+    """Whether an event is a limit point, or a change of shape on a branch."""
+    if event.kind is EventKind.LIMIT_POINT:
+        return True
+    return event.kind in SHAPE_EVENTS and np.array_equal(
+        event.stretch_before, np.asarray(event.stretch_after)
+    )
 
 
 @dataclass(frozen=True)
 class _Here:
     """A limit point, the step in which it is met, and the state in which the valve was opened or closed last.
 
-    `line` is the way that the voltages go there, `state` its unknowns (stretches…, p, v).
+    `line` is the way that the voltages go there, `state` its unknowns (stretches…, p, v). Of a change of
+    shape, which balloon's, and its mode.
     """
 
     scenario: Scenario
     step: PlayedStep
     line: VoltageLine
     state: FloatArray
-    since: _Open | None
-    opened: _Open | None
+    since: OpenState | None
+    opened: OpenState | None
+    balloon: int = -1
+    mode: str | None = None
 
     @classmethod
     def of(cls, history: History, event: Event) -> _Here:
@@ -189,12 +181,17 @@ class _Here:
         else:
             v = line.coordinate(event.voltage.tolist())
         state = np.array([*event.stretch_before, event.pressure_before, v])
+        which = (history.balloons.index(event.balloon), event.mode) if event.balloon else (-1, None)
         if motion.opens_valve(step):
-            return cls(history.scenario, step, line, state, None, _opened(history, steps, event.step))
-        return cls(history.scenario, step, line, state, _last_open(history, steps, event.step - 1), None)
+            return cls(history.scenario, step, line, state, None, opened(history, steps, event.step), *which)
+        return cls(
+            history.scenario, step, line, state, last_open(history, steps, event.step - 1), None, *which
+        )
 
     def rate(self, key: str, value: float) -> float:
         """dv*/dq."""
+        if self.mode is not None:
+            return self._rate_of_shape(key, value)
         matrix, place = self._jacobian()
         # Rows and columns of one size, so that a small singular value means a singular matrix.
         sizes = np.sqrt(np.einsum("ij,ij->i", matrix, matrix))
@@ -202,14 +199,32 @@ class _Here:
         if singular[-1] > _SINGULAR:
             raise ArithmeticError(f"the state is no limit point, singular value {singular[-1]:.1e}")
         z = left[:, -1] / sizes
-        moved = _derivative(self._residual(_Moving(self.scenario, key, value), place), value)
+        moved = derivative(self._residual(Moving(self.scenario, key, value), place), value)
         return float(-(z @ moved) / (z @ matrix[:, -1]))
+
+    def _rate_of_shape(self, key: str, value: float) -> float:
+        """dv*/dq of a change of shape, where [R, margin] is regular in (x, v)."""
+        device = Device.from_scenario(self.scenario)
+        if self.since is not None:
+            gas = sealed_gas(device, self.since.stretch, self.since.pressure)
+            equations: AnyEquations = device.sealed(gas, self.line)
+            state, place = self.state, self.balloon
+        else:
+            equations = self._alone(device, self.balloon, float(self.state[-2]))
+            state, place = self.state[[self.balloon, -1]], 0
+        slope = gradient(lambda y: margin_of(equations, place, str(self.mode), list(y)), state)
+        matrix = np.array([*equations.linearised(state.tolist())[1], slope], dtype=np.float64)
+        moved = derivative(self._residual(Moving(self.scenario, key, value), self.balloon), value)
+        try:
+            return -float(np.linalg.solve(matrix, moved)[-1])
+        except np.linalg.LinAlgError:
+            raise ArithmeticError("where the sphere is lost the state does not move smoothly") from None
 
     def _jacobian(self) -> tuple[FloatArray, int]:
         """∂R/∂(x, v), and with the valve open the balloon that folds."""
         device = Device.from_scenario(self.scenario)
         if self.since is not None:
-            gas = _gas(device, self.since.stretch, self.since.pressure)
+            gas = sealed_gas(device, self.since.stretch, self.since.pressure)
             equations: AnyEquations = device.sealed(gas, self.line)
             return np.array(equations.linearised(self.state.tolist())[1], dtype=np.float64), -1
         pressure = float(self.state[-2])
@@ -230,7 +245,7 @@ class _Here:
             return device.inflated(balloon, self.line.offset)
         return device.actuated(balloon, pressure, self.line)
 
-    def _residual(self, moving: _Moving, place: int) -> Callable[[float], FloatArray]:
+    def _residual(self, moving: Moving, place: int) -> Callable[[float], FloatArray]:
         """R at this state as a function of q, with what was sealed, or the pressure held, moving with it."""
         if self.since is None:
             assert self.opened is not None
@@ -238,138 +253,22 @@ class _Here:
 
             def alone(q: float) -> FloatArray:
                 equations = self._alone(moving.device(q), place, held(q))
-                return np.array(equations.residual([self.state[place], self.state[-1]]), dtype=np.float64)
+                return self._defect(equations, 0, [self.state[place], self.state[-1]])
 
             return alone
         gas = moving.gas(self.since)
 
         def together(q: float) -> FloatArray:
             equations = moving.device(q).sealed(gas(q), self.line)
-            return np.array(equations.residual(self.state.tolist()), dtype=np.float64)
+            return self._defect(equations, place, self.state.tolist())
 
         return together
 
-
-@dataclass(frozen=True)
-class _Moving:
-    """How past states move, to first order, with the number `key` of a scenario, about its `value`."""
-
-    scenario: Scenario
-    key: str
-    value: float
-
-    def device(self, q: float) -> Device:
-        """The device where the number is q."""
-        return Device.from_scenario(changed_scenario(self.scenario, self.key, q))
-
-    def pressure(self, state: _Open) -> Callable[[float], float]:
-        """The pressure of an open valve."""
-        if state.before is None:
-            return lambda q: _inflated(changed_scenario(self.scenario, self.key, q), state.number)
-        rate = float(self._sealed_rate(state.before)[-1])
-        return lambda q: state.pressure + (q - self.value) * rate
-
-    def gas(self, state: _Open) -> Callable[[float], Contents]:
-        """What is inside when the valve is closed."""
-        pressure, rate = self.pressure(state), self._open_rate(state)
-        return lambda q: _gas(self.device(q), state.stretch + (q - self.value) * rate, pressure(q))
-
-    def _open_rate(self, state: _Open) -> FloatArray:
-        """dλ/dq of the balloons under an open valve; never inflated, they stay stress free."""
-        if state.number == 0:
-            return np.zeros_like(state.stretch)
-        pressure = self.pressure(state)
-
-        def balloons(q: float) -> list[tuple[AnyEquations, list[float]]]:
-            device = self.device(q)
-            return [
-                (device.actuated(i, pressure(q), state.sources), [float(x), 0.0])
-                for i, x in enumerate(state.stretch)
-            ]
-
-        def balances(q: float) -> FloatArray:
-            return np.array([one.residual(y)[0] for one, y in balloons(q)], dtype=np.float64)
-
-        slopes = [one.linearised(y)[1][0][0] for one, y in balloons(self.value)]
-        return -_derivative(balances, self.value) / np.array(slopes, dtype=np.float64)
-
-    def _sealed_rate(self, state: _Sealed) -> FloatArray:
-        """d(λ, p)/dq of the balloons on their gas."""
-        gas, y = self.gas(state.since), [*state.stretch.tolist(), state.pressure, 0.0]
-
-        def equations(q: float) -> AnyEquations:
-            return self.device(q).sealed(gas(q), state.sources)
-
-        def balances(q: float) -> FloatArray:
-            return np.array(equations(q).residual(y), dtype=np.float64)
-
-        matrix = np.array(equations(self.value).linearised(y)[1], dtype=np.float64)[:, :-1]
-        return np.asarray(-np.linalg.solve(matrix, _derivative(balances, self.value)))
-
-
-def _last_open(history: History, steps: Sequence[PlayedStep], number: int) -> _Open:
-    """The state at the end of the last step up to `number` that the valve was open in."""
-    last = next((i for i in range(number, 0, -1) if motion.opens_valve(steps[i - 1])), 0)
-    return _opened(history, steps, last)
-
-
-def _opened(history: History, steps: Sequence[PlayedStep], number: int) -> _Open:
-    """The state at the end of a step that the valve is open in."""
-    if number == 0:
-        return _Open(0, np.ones(len(history.balloons)), 0.0, _sources(history, steps, 0), None)
-    first = number
-    while first > 1 and motion.opens_valve(steps[first - 2]):
-        first -= 1
-    row = _end(history, number)
-    stretch, pressure = history.stretch[row], float(history.pressure[row])
-    inflated = any(isinstance(step, Inflate) for step in steps[first - 1 : number])
-    before = None if inflated or first == 1 else _closed(history, steps, first - 1)
-    return _Open(number, stretch, pressure, _sources(history, steps, number), before)
-
-
-def _closed(history: History, steps: Sequence[PlayedStep], number: int) -> _Sealed:
-    """The state at the end of a step that the valve is closed in."""
-    row = _end(history, number)
-    since = _last_open(history, steps, number)
-    sources = _sources(history, steps, number)
-    return _Sealed(history.stretch[row], float(history.pressure[row]), sources, since)
-
-
-def _end(history: History, number: int) -> int:
-    return int(np.flatnonzero(history.step <= number)[-1])
-
-
-def _sources(history: History, steps: Sequence[PlayedStep], number: int) -> VoltageLine:
-    """What the electrodes are given at the end of a step, held there."""
-    if number == 0:
-        return VoltageLine.still([0.0] * len(history.electroded))
-    given = [quantity for step in steps[:number] if (quantity := motion.given_by(step)) is not None]
-    row = _end(history, number)
-    if given and given[-1] == "charge":
-        return VoltageLine.still(history.charge[row].tolist(), "charge")
-    return VoltageLine.still(history.voltage[row].tolist())
-
-
-def _gas(device: Device, stretch: FloatArray, pressure: float) -> Contents:
-    return device.law.sealed(pressure, float(device.swelling(stretch[None])[0]))
+    def _defect(self, equations: AnyEquations, place: int, state: list[float]) -> FloatArray:
+        """R, and of a change of shape its margin."""
+        margin = [] if self.mode is None else [margin_of(equations, place, self.mode, state)]
+        return np.array([*equations.residual(state), *margin], dtype=np.float64)
 
 
 def _ended_early(history: History, event: Event) -> bool:
     return any(stop.reached and stop.step < event.step for stop in history.stops)
-
-
-def _inflated(scenario: Scenario, number: int) -> float:
-    """What the last `inflate` up to a step, as played, sets the pressure to."""
-    last = 0.0
-    for place, step in enumerate(scenario.played_steps(), start=1):
-        if place > number:
-            break
-        last = step.inflate if isinstance(step, Inflate) else last
-    return last
-
-
-def _derivative(function: Callable[[float], FloatArray], at: float) -> FloatArray:
-    """f′ by differences of fourth order; from one side at 0, which many numbers must not fall below."""
-    weights, step = (_CENTRAL, _STEP * abs(at)) if at else (_FORWARD, 0.1 * _STEP)
-    here = function(at)  # taken off first: what does not depend on q then has a derivative of exactly 0
-    return np.asarray(sum(w * (function(at + i * step) - here) for i, w in weights.items()) / step)

@@ -16,7 +16,7 @@ from simulator.model.drive import VoltageLine
 from simulator.model.elastomers import largest_stretch
 from simulator.model.groups import Group
 from simulator.results.history import Outcome
-from simulator.scenario import Hold, Inflate, Problem, ScenarioError
+from simulator.scenario import Hold, Inflate, Problem, ScenarioError, Shape
 from simulator.simulation.run import simulate
 from simulator.solver import newton
 from simulator.solver.follow import PathError
@@ -62,7 +62,8 @@ def sealed_state(scenario: Scenario) -> tuple[Device, Group, FloatArray]:
             scenario.file, Problem("step.1", None, "must be an inflate step for a path in voltage")
         )
     is_open = _is_open(scenario, steps[count:])
-    history = simulate(scenario.model_copy(update={"steps": tuple(steps[:count]), "dynamics": None}))
+    only = {"steps": tuple(steps[:count]), "dynamics": None, "shape": Shape(on_loss="ignore")}
+    history = simulate(scenario.model_copy(update=only))
     if history.outcome is not Outcome.COMPLETED:
         event = history.events[-1]
         end = f"{_with_article(event.kind.value)} at p = {event.pressure_before:.6g}"

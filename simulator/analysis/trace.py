@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.analysis.path import Path, stretch_stop, whole_path
+from simulator.analysis.shapes import lost_on, shape_points
 from simulator.analysis.start import rests, sealed_state
 from simulator.model import groups
 from simulator.model.conditions import conditions
@@ -193,6 +194,30 @@ def _curve(scenario: Scenario, device: Device, group: Group, path: Path) -> Curv
     pressure = np.asarray(equations.pressure(points.states))
     gas = np.asarray(device.law.amount(pressure, device.volume(stretch)))
     is_open = np.full(len(stretch), equations.is_open)
+    watched = scenario.shape.on_loss != "ignore"
+    special = [
+        SpecialPoint(
+            found.kind,
+            points.ends[found.pieces - 1],
+            np.full(many, found.state[-1]),
+            found.state[: len(device.names)],
+            float(equations.pressure(found.state)),
+        )
+        for found in path.found
+    ]
+    shapes = [
+        SpecialPoint(
+            found.kind.value,
+            found.arclength,
+            np.full(many, found.state[-1]),
+            found.state[: len(device.names)],
+            float(equations.pressure(found.state)),
+            device.names[found.balloon],
+            found.mode,
+        )
+        for found in (shape_points(group, points) if watched else ())
+    ]
+    inner = sorted([*special[:-1], *shapes], key=lambda point: point.arclength)
     return Curve(
         title=scenario.title,
         balloons=device.names,
@@ -206,17 +231,10 @@ def _curve(scenario: Scenario, device: Device, group: Group, path: Path) -> Curv
         energy=device.energy(stretch, pressure, voltage, gas, is_open),
         stability=device.stability(stretch, pressure, voltage, is_open),
         unstable=points.unstable,
-        points=tuple(
-            SpecialPoint(
-                found.kind,
-                points.ends[found.pieces - 1],
-                np.full(many, found.state[-1]),
-                found.state[: len(device.names)],
-                float(equations.pressure(found.state)),
-            )
-            for found in path.found
-        ),
+        points=(*inner, special[-1]),
         ida_steps=path.effort.ida_steps,
         radius=device.radius,
         scales=scenario.scales,
+        sphericity=device.sphericity(stretch, voltage) if watched else np.empty((0, 0)),
+        lost=lost_on(group, points.states) if watched else np.zeros(len(stretch), dtype=bool),
     )

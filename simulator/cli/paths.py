@@ -81,7 +81,10 @@ def fold(
     ],
     to: Annotated[str, typer.Option(metavar="X", help="Its last value.")],
     out: Annotated[Path | None, results_option("results/<SCENARIO's stem>-fold")] = None,
-    point: Annotated[int, typer.Option(metavar="N", help="Which limit point of the path, from 1.")] = 1,
+    of: Annotated[
+        str, typer.Option(metavar="KIND", help="What to follow: limit_point, loss_of_sphericity, …")
+    ] = "limit_point",
+    point: Annotated[int, typer.Option(metavar="N", help="Which one of the path, from 1.")] = 1,
     inflation: Annotated[
         str | None,
         typer.Option(metavar="NAME", help="A limit point of this balloon's inflation.", show_default=False),
@@ -89,7 +92,7 @@ def fold(
     plot: Annotated[bool, typer.Option("--plot", help=f"Also draw {FOLD_PICTURE}.")] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Follow a limit point while one number of the scenario changes; write fold.csv."""
+    """Follow a limit point, or a loss of sphericity, while one number changes; write fold.csv."""
     from simulator.results.files import check_writable, write_files
     from simulator.results.tables import FOLD_FILE, write_fold
     from simulator.scenario import load_scenario
@@ -101,7 +104,7 @@ def fold(
         with solver_failures_reported():
             from simulator.analysis.fold import fold as follow
 
-            curve = follow(loaded, vary, to, point=point, inflation=inflation)
+            curve = follow(loaded, vary, to, of=of, point=point, inflation=inflation)
         pictures = {}
         if plot:
             from simulator.results.plot import plot_fold, png

@@ -87,6 +87,10 @@ def summarise_run(history: History, paths: list[Path]) -> None:
         print(f"         … and {len(history.stops) - EVENTS_SHOWN} more, in run.json")
     for verdict in history.verdicts:
         print(f"film     {_fate(verdict, history.scenario.scales)}")
+    from simulator.cli.summary_shape import shape_lines  # loads what reads scenarios
+
+    for line in shape_lines(history):
+        print(f"shape    {line}")
     balance, statistics = history.energy_balance, history.statistics
     print(f"energy   closes to {balance.relative_imbalance:.1e} of the work exchanged")
     print(f"cost     {statistics.seconds:.3f} s, {statistics.ida_steps} IDA steps, {len(history)} samples")
@@ -143,6 +147,8 @@ def summarise_fold(curve: FoldCurve, to: str, paths: list[Path]) -> None:
     drive = "voltage" if curve.voltage.any() else "pressure"
     values = curve.voltage if curve.voltage.any() else curve.pressure
     print(printable(curve.title))
+    if curve.balloon is not None:
+        print(f"what     {curve.of.replace('_', ' ')} of {curve.balloon}")
     for place, name in ((0, "from"), (-1, "to")):
         value = _with_unit(curve.scales, curve.dimension, float(curve.value[place]))
         limit = _with_unit(curve.scales, units.QUANTITIES[drive], float(values[place]))
@@ -210,7 +216,8 @@ def _point_table(curves: Sequence[Curve]) -> Table:
         for point in curve.points:
             values = (*(point.voltage * volts), *point.stretch, point.pressure * pascals)
             number = [f"{i}"] if len(curves) > 1 else []
-            table.add_row(*number, point.kind, *(_short(value) for value in values))
+            what = f"{point.kind}\n  {point.balloon}" if point.balloon else point.kind
+            table.add_row(*number, what, *(_short(value) for value in values))
     return table
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from simulator.events import EventKind
 from simulator.model.elastomers import Number, largest_stretch
 from simulator.model.equations import Equations, State
-from simulator.model.membranes import AnyMembrane
+from simulator.model.membranes import AnyMembrane, sphericity
 from simulator.model.strength import Strength
 
 FloatArray = NDArray[np.float64]
@@ -138,6 +138,60 @@ def boundedness(place: int) -> Condition:
     """How far a stretch is from 1000: a wall that never stiffens may grow without end at a finite drive."""
     reached = validity(place, ENDLESS)
     return Condition(EventKind.RUNAWAY, reached.margin, reached.slope)
+
+
+@dataclass(frozen=True)
+class ShapeCondition:
+    """What keeps one balloon a sphere.
+
+    Attributes
+    ----------
+    place : int
+        Of the balloon, among those of its equations.
+    mode : {"pear", "shear"}
+        What it would turn into: a pear, or, where its elastomer does not resist shear in its surface, a
+        sphere that shears.
+    condition : Condition
+        Positive while it is a sphere, zero where it is lost.
+    """
+
+    place: int
+    mode: str
+    condition: Condition
+
+
+def shape_conditions(equations: Equations) -> tuple[ShapeCondition, ...]:
+    """What keeps the balloons of a set of equations spheres; none where nothing can be lost."""
+    found: list[ShapeCondition] = []
+    for place, membrane in enumerate(equations.membranes):
+        elastomer = membrane.wall.elastomer
+        if membrane.drive is not None or not getattr(elastomer, "stays_spherical", False):
+            found.append(ShapeCondition(place, "pear", _pear(membrane, place)))
+        if (stiffness := getattr(elastomer, "shear_stiffness", None)) is not None:
+            found.append(ShapeCondition(place, "shear", _shear(stiffness, place)))
+    return tuple(found)
+
+
+def _pear(membrane: AnyMembrane, place: int) -> Condition:
+    def margin(y: State) -> Number:
+        return sphericity(membrane, y[place], y[-1])
+
+    def slope(y: FloatArray) -> FloatArray:
+        stretch, v = float(y[place]), float(y[-1])
+        out = np.zeros(y.size)
+        out[place] = sphericity(membrane, complex(stretch, _STEP), v).imag / _STEP
+        if membrane.drive is not None:
+            out[-1] = sphericity(membrane, stretch, complex(v, _STEP)).imag / _STEP
+        return out
+
+    return Condition(EventKind.LOSS_OF_SPHERICITY, margin, slope)
+
+
+def _shear(stiffness: Callable[[Number], Number], place: int) -> Condition:
+    def margin(y: State) -> Number:
+        return stiffness(y[place])
+
+    return Condition(EventKind.LOSS_OF_SPHERICITY, margin, lambda y: gradient(margin, y))
 
 
 _STEP = 1e-30

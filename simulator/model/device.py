@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from simulator.model.contents import Contents, Gas, Incompressible, Law
 from simulator.model.drive import Quantity, VoltageLine, Way
-from simulator.model.elastomers import Elastomer, as_written
+from simulator.model.elastomers import Elastomer, as_written, tension_force, tension_stiffness
 from simulator.model.equations import OpenBalloon, SealedBalloons
 from simulator.model.expansion import Adiabat
 from simulator.model.membranes import AnyMembrane, ElectrodedMembrane, Membrane, curvature
@@ -127,6 +127,21 @@ class Device:
     def rated(self) -> tuple[int, ...]:
         """Places, among the electroded balloons, of those whose film has a strength."""
         return tuple(place for place, strength in enumerate(self.strength) if strength is not None)
+
+    def sphericity(self, stretch: FloatArray, voltage: FloatArray) -> FloatArray:
+        """Margins of sphericity s = k(f′ − f/λ) − 4(e/h²)φ²λ², (n, n_balloons), over μ.
+
+        Where s falls through zero a balloon stops being a sphere, see `docs/shape.md`.
+        """
+        found = np.empty_like(stretch)
+        for i, wall in enumerate(self.walls):
+            x = stretch[:, i]
+            force, stiffness = tension_force(wall.elastomer, x), tension_stiffness(wall.elastomer, x)
+            found[:, i] = wall.modulus * (stiffness - force / x)
+        chosen = list(self.electroded)
+        load = 4.0 * self.permittivity[chosen] / self.thickness[chosen] ** 2
+        found[:, chosen] -= load * (voltage * stretch[:, chosen]) ** 2
+        return found
 
     def breakdown_field(self, stretch: FloatArray) -> FloatArray:
         """Strengths E_b of the films that have one, (n, n_rated), over √(μ/ε)."""

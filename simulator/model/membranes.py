@@ -266,6 +266,23 @@ def curvature(membrane: AnyMembrane, stretch: Number, pressure: Number, v: Numbe
     return wall.weight * (slope - force / denominator * denominator_slope) / denominator
 
 
+def sphericity(membrane: AnyMembrane, stretch: Number, v: Number) -> Number:
+    """D²s/k of one balloon: positive where it stays a sphere, zero where it begins to turn into a pear.
+
+    s = k(f′ − f/λ) − 4(e/h²)φ²λ² says whether the tension pλ/2 rises with the stretch at the present voltage.
+    What holds the volume or the charge does not enter: a pear has the volume and the charge of the sphere to
+    first order. See `docs/shape.md`. Multiplied by D² it has no pole.
+    """
+    wall = membrane.wall
+    numerator, denominator = wall.elastomer.pole_form(stretch)
+    numerator_slope, denominator_slope = wall.elastomer.pole_form_slope(stretch)
+    margin = numerator_slope * denominator - numerator * (denominator_slope + denominator / stretch)
+    if isinstance(membrane, ElectrodedMembrane):
+        field = membrane.voltage(stretch, v) * stretch * denominator
+        margin = margin - 2.0 * membrane.electric_load * field * field
+    return margin
+
+
 def sum_of_cubes(walls: Sequence[Membrane], stretches: Sequence[Number]) -> Number:
     """Σ r³λ³, three times the balloons' volume over 4πR³."""
     total: Number = 0.0

@@ -49,6 +49,14 @@ COLUMNS: Mapping[str, Meaning] = MappingProxyType(
         "stability": Meaning("smallest eigenvalue of the Hessian of Π; negative is unstable", "4πR²Hμ"),
         "stable": Meaning("whether no direction is unstable; a limit point belongs to the part before it"),
         "margin": Meaning("1 − |E|/E_b of a film with a strength; 0 is breakdown"),
+        "sphericity": Meaning("how far a balloon is from turning into a pear, s of docs/shape.md", "μ"),
+        "spheres": Meaning("whether every balloon is a sphere, or would stay one"),
+        "balloon": Meaning("which balloon a change of shape concerns"),
+        "mode": Meaning("what it would turn into: pear, or shear"),
+        "loss_of_sphericity": Meaning(
+            "number of the balloon, from 1, whose loss of sphericity fold.csv follows"
+        ),
+        "sphericity_regained": Meaning("the same of a sphere that is regained"),
         "dissipated": Meaning("potential lost in a jump", "4πR²Hμ"),
     }
 )
@@ -81,6 +89,7 @@ def history_columns(history: History) -> Columns:
         "energy": history.energy,
         "stability": history.stability,
         **_by_name("margin", history.rated, history.margin),
+        **(_by_name("sphericity", history.balloons, history.sphericity) if history.sphericity.size else {}),
     }
     return _with_si(columns, history)
 
@@ -114,6 +123,7 @@ def event_columns(history: History) -> Columns:
         "time": np.array([event.time for event in events], dtype=float),
         "step": np.array([event.step for event in events], dtype=np.int64),
         "kind": np.array([event.kind.value for event in events], dtype=object),
+        **(_shapes(events) if history.sphericity.size else {}),
         **_by_name("voltage", electroded, _stacked(events, "voltage", len(electroded))),
         **sides("stretch", balloons),
         "pressure_before": _stacked(events, "pressure_before", 1)[:, 0],
@@ -157,7 +167,7 @@ def point_columns(curves: Sequence[Curve]) -> Columns:
 
 
 def fold_columns(curve: FoldCurve) -> Columns:
-    """A limit point as one number changes, by column, in the order of `fold.csv`.
+    """A limit point, or a loss of sphericity, as one number changes, by column, in the order of `fold.csv`.
 
     Parameters
     ----------
@@ -174,6 +184,9 @@ def fold_columns(curve: FoldCurve) -> Columns:
         **_by_name("stretch", curve.balloons, curve.stretch),
         "pressure": curve.pressure,
     }
+    if curve.balloon is not None:
+        # Which balloon it is, counted from 1; by this column a file is known from that of a limit point.
+        columns[curve.of] = np.full(len(curve), curve.balloons.index(curve.balloon) + 1)
     if curve.scales is None:
         return columns
     varied = {}
@@ -184,7 +197,7 @@ def fold_columns(curve: FoldCurve) -> Columns:
 
 def sensitivity_columns(found: Sequence[Sensitivity]) -> Columns:
     """Sensitivities by column, in the order of `sensitivities.csv`; each is an attribute of `Sensitivity`."""
-    names = ("time", "step", "of", "value", "key", "parameter", "derivative")
+    names = ("time", "step", "kind", "of", "value", "key", "parameter", "derivative")
     return {name: np.array([getattr(one, name) for one in found]) for name in names}
 
 
@@ -209,17 +222,34 @@ def _of_curve(curve: Curve) -> Columns:
         "energy": curve.energy,
         "stability": curve.stability,
         "stable": curve.unstable == 0,
+        **_of_shapes(curve),
     }
+
+
+def _of_shapes(curve: Curve) -> Columns:
+    """Margins of sphericity, and whether all balloons are spheres; nothing where that is ignored."""
+    if not curve.sphericity.size:
+        return {}
+    return {**_by_name("sphericity", curve.balloons, curve.sphericity), "spheres": ~curve.lost}
 
 
 def _of_points(curve: Curve) -> Columns:
     points, electroded, balloons = curve.points, curve.electroded, curve.balloons
     return {
         "kind": np.array([point.kind for point in points], dtype=object),
+        **(_shapes(points) if curve.sphericity.size else {}),
         "arclength": _stacked(points, "arclength", 1)[:, 0],
         **_by_name("voltage", electroded, _stacked(points, "voltage", len(electroded))),
         **_by_name("stretch", balloons, _stacked(points, "stretch", len(balloons))),
         "pressure": _stacked(points, "pressure", 1)[:, 0],
+    }
+
+
+def _shapes(records: Sequence[Event] | Sequence[SpecialPoint]) -> Columns:
+    """Which balloon a change of shape concerns, and what it would turn into; empty for others."""
+    return {
+        "balloon": np.array([record.balloon or "" for record in records], dtype=object),
+        "mode": np.array([record.mode or "" for record in records], dtype=object),
     }
 
 

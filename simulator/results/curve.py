@@ -5,6 +5,7 @@ As in `history`, nothing is computed here, and `tables` and `plot` are imported 
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -32,12 +33,16 @@ class SpecialPoint:
     Attributes
     ----------
     kind : str
-        "limit_point" (v turns round), "branch_point" (another path crosses), "loss_of_tension" (p = 0),
-        "stretch_limit" (a stretch within 1e-6 of its limit), "out_of_range" (at the end of a measured curve),
-        "unbounded" (a stretch of 1000 of an elastomer without a limit), "zero_voltage", "reached" (what was
-        asked for), "closed" (the path is back at one of its branch points).
+        "limit_point" (v turns round), "branch_point" (another path crosses), "loss_of_sphericity" and
+        "sphericity_regained" (a balloon stops being a sphere along the path, or is one again),
+        "loss_of_tension" (p = 0), "stretch_limit" (a stretch within 1e-6 of its limit), "out_of_range" (at
+        the end of a measured curve), "unbounded" (a stretch of 1000 of an elastomer without a limit),
+        "zero_voltage", "reached" (what was asked for), "closed" (the path is back at one of its branch
+        points).
     arclength, voltage, stretch, pressure
         Where; voltage (n_electroded,), stretch (n_balloons,).
+    balloon, mode : str or None
+        Of a change of shape: which balloon, and what it would turn into, "pear" or "shear".
     """
 
     kind: str
@@ -45,6 +50,8 @@ class SpecialPoint:
     voltage: FloatArray
     stretch: FloatArray
     pressure: float
+    balloon: str | None = None
+    mode: str | None = None
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, SpecialPoint) and same(self, other)
@@ -80,6 +87,10 @@ class Curve:
         Unstretched, over the reference balloon's.
     scales : Scales or None
         What is 1 in SI units, for a scenario with [scales].
+    sphericity : (n, n_balloons) array
+        How far each balloon is from turning into a pear, over μ; empty with `[shape] on_loss = "ignore"`.
+    lost : (n,) array of bool
+        Whether some balloon is no sphere there, whatever it would turn into.
     """
 
     title: str
@@ -98,6 +109,8 @@ class Curve:
     ida_steps: int
     radius: FloatArray
     scales: Scales | None = None
+    sphericity: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
+    lost: NDArray[np.bool_] = dataclasses.field(default_factory=lambda: np.empty(0, dtype=bool))
 
     def __len__(self) -> int:
         return int(self.arclength.size)
@@ -152,7 +165,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class FoldCurve:
-    """A limit point as one number of the scenario changes, as points in order.
+    """A limit point, or where a balloon stops being a sphere, as one number of the scenario changes.
 
     Attributes
     ----------
@@ -167,12 +180,18 @@ class FoldCurve:
     pressure : (n,) array
     end : str
         Why it ends: "reached", "cusp" (two limit points meet), "loss_of_tension" (p = 0), "zero_voltage",
-        "inflation_limit" (the inflated state itself ends, or the inflation leads to another one).
+        "inflation_limit" (the inflated state itself ends, or the inflation leads to another one). Of a loss
+        of sphericity also "turning_point" (two of them meet) and "limit_point" (it meets one: beyond it, it
+        is on an unstable part of the path, or was so before).
     ida_steps : int
     dimension : Dimension or None
         What the parameter measures.
     scales : Scales or None
         What is 1 in SI units, for a scenario with [scales].
+    of : str
+        What is followed: "limit_point", "loss_of_sphericity" or "sphericity_regained".
+    balloon : str or None
+        Of a change of shape: which balloon.
     """
 
     title: str
@@ -186,6 +205,8 @@ class FoldCurve:
     ida_steps: int
     dimension: Dimension | None = None
     scales: Scales | None = None
+    of: str = "limit_point"
+    balloon: str | None = None
 
     def __len__(self) -> int:
         return int(self.value.size)

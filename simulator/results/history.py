@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.events import EventKind, Outcome
+from simulator.events import SHAPE_EVENTS, EventKind, Outcome
 from simulator.results.equality import same
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from simulator.results.shapes import ShapeVerdict
     from simulator.scenario import Scenario
 
 FloatArray = NDArray[np.float64]
@@ -62,6 +63,8 @@ class Event:
     dissipated : float or None
         Potential lost in the jump, Π before − Π after at the drive of the event. None where there
         is no after side.
+    balloon, mode : str or None
+        Of an event of a balloon's shape: which balloon, and what it would turn into, "pear" or "shear".
     """
 
     time: float
@@ -75,6 +78,8 @@ class Event:
     field_before: FloatArray
     field_after: FloatArray | None
     dissipated: float | None
+    balloon: str | None = None
+    mode: str | None = None
 
     def __repr__(self) -> str:
         place = ", ".join(f"{v:.6g}" for v in self.voltage)
@@ -185,6 +190,8 @@ class History:
         Names of the balloons whose film has a dielectric strength, in the order of the columns below.
     strength, margin : (n_samples, n_rated) arrays
         The strength E_b of each film, and 1 − |E|/E_b, how far it is from breakdown.
+    sphericity : (n_samples, n_balloons) array
+        How far each balloon is from turning into a pear, over μ; empty with `[shape] on_loss = "ignore"`.
     """
 
     scenario: Scenario
@@ -210,6 +217,7 @@ class History:
     rated: tuple[str, ...] = ()
     strength: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
     margin: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
+    sphericity: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
 
     def __len__(self) -> int:
         return int(self.time.size)
@@ -310,6 +318,18 @@ class History:
         return {balloon.name: balloon.elastomer.words for balloon in self.scenario.balloons}
 
     @property
+    def mechanical(self) -> tuple[Event, ...]:
+        """The events but those of shape: what happens to spheres."""
+        return tuple(event for event in self.events if event.kind not in SHAPE_EVENTS)
+
+    @property
+    def shapes(self) -> tuple[ShapeVerdict, ...]:
+        """What becomes of the shape of every balloon; none where the scenario ignores it."""
+        from simulator.results.shapes import verdicts
+
+        return verdicts(self)
+
+    @property
     def snaps(self) -> tuple[Event, ...]:
         """Limit and branch points from which the balloons came to rest elsewhere, tension kept."""
         kinds = (EventKind.LIMIT_POINT, EventKind.BRANCH_POINT)
@@ -329,7 +349,8 @@ class History:
         margin = self.margin[:, film]
         at, broke = int(np.argmin(margin)), None
         if self.outcome is Outcome.BREAKDOWN and margin[-1] <= _BROKEN:
-            before = [event.kind for event in self.events[:-1] if event.time == self.events[-1].time]
+            last = self.events[-1].time
+            before = [event.kind for event in self.mechanical[:-1] if event.time == last]
             at, broke = -1, "path"
             if before:
                 broke = "jump" if before[-1] is EventKind.JUMP else "snap"

@@ -64,6 +64,7 @@ def run_record(history: History, failure: str | None = None) -> dict[str, Any]:
         },
         **({"until": [asdict(stop) for stop in history.stops]} if history.stops else {}),
         **({"films": [asdict(verdict) for verdict in history.verdicts]} if history.rated else {}),
+        **({"shapes": [verdict.record() for verdict in history.shapes]} if history.sphericity.size else {}),
         "elastomers": history.elastomers,
         "energy_balance": {**asdict(balance), "relative_imbalance": balance.relative_imbalance},
         "statistics": asdict(history.statistics),

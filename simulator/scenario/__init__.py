@@ -33,7 +33,7 @@ from simulator.scenario.elastomer import (
 from simulator.scenario.errors import Problem, ScenarioError
 from simulator.scenario.presets import PRESETS
 from simulator.scenario.scales import Reference
-from simulator.scenario.settings import Dynamics, Output, Solver
+from simulator.scenario.settings import Dynamics, Output, Shape, Solver
 from simulator.scenario.steps import (
     BalloonSine,
     BalloonTriangle,
@@ -92,6 +92,7 @@ __all__ = [
     "Scenario",
     "ScenarioError",
     "ScenarioLike",
+    "Shape",
     "Sine",
     "SineByName",
     "SineWave",

@@ -9,7 +9,7 @@ from pydantic import BaseModel
 
 from simulator.scenario.device import Balloon, Gas
 from simulator.scenario.errors import Problem
-from simulator.scenario.settings import Dynamics, Output
+from simulator.scenario.settings import Dynamics, Output, Shape
 from simulator.scenario.steps import (
     Charge,
     Cycle,
@@ -62,6 +62,11 @@ class Parts(Protocol):
     @property
     def output(self) -> Output:
         """Which samples are wanted."""
+        ...
+
+    @property
+    def shape(self) -> Shape:
+        """Whether the shapes of the balloons are looked at."""
         ...
 
 
@@ -135,6 +140,8 @@ def _of_drive(
     if ends and scenario.dynamics is not None:
         # Where a flow in real time passes a value is not looked for.
         yield Problem(f"{key}.until", _plain(ends), "needs a scenario without [dynamics]")
+    elif ends and ends.event == "loss_of_sphericity" and scenario.shape.on_loss != "record":
+        yield Problem(f"{key}.until.event", ends.event, 'needs [shape] on_loss = "record"')
     elif electroded and ends:
         yield from _never(ends, f"{key}.until", names, electroded, step.valve)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, PlainSerializer
 
@@ -30,6 +30,14 @@ class Dynamics(Frozen):
     def relaxation_of(self, name: str) -> float:
         """The relaxation time of a balloon."""
         return self.relaxation_time[name] if isinstance(self.relaxation_time, dict) else self.relaxation_time
+
+
+class Shape(Frozen):
+    """What is done where a balloon would no longer stay a sphere."""
+
+    on_loss: Annotated[
+        Literal["record", "stop", "ignore"], Field(description='"record", "stop" or "ignore"')
+    ] = "record"
 
 
 class Solver(Frozen):

@@ -70,11 +70,14 @@ PositivePressure = Annotated[Positive, Measured(units.PRESSURE)]
 class Until(Frozen):
     """What ends a step before its time, whichever comes first.
 
-    A limit point (once its snap has landed), or a quantity that takes a value: the stretch or the true field
-    of a balloon, or the excess pressure.
+    A limit point (once its snap has landed), the loss of a balloon's sphericity, or a quantity that takes a
+    value: the stretch or the true field of a balloon, or the excess pressure.
     """
 
-    event: Annotated[Literal["limit_point"] | None, Field(description='"limit_point"')] = None
+    event: Annotated[
+        Literal["limit_point", "loss_of_sphericity"] | None,
+        Field(description='"limit_point" or "loss_of_sphericity"'),
+    ] = None
     stretch: Stretches = None
     pressure: Annotated[PositivePressure | None, Field(description="a number > 0")] = None
     field: Fields = None

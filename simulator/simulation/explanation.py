@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from simulator import units
+from simulator.model.conditions import shape_conditions
 from simulator.model.device import Device
 from simulator.model.strength import PowerStrength
 from simulator.scenario import Charge, Hold, Inflate, Jump, duration, load_scenario, until_of
@@ -26,6 +27,12 @@ if TYPE_CHECKING:
     from simulator.units import Scales
 
 _MOST_STEPS = 24
+_ON_LOSS = {
+    "record": "that is an event, and the history goes on as one of spheres",
+    "stop": "the history ends",
+    "ignore": "nothing is looked for",
+}
+_BECOMES = {"pear": "a pear", "shear": "shear in its surface"}
 _SAME_VOLTAGE = 1e-15  # what rounding leaves of a sine
 _UNKNOWN = 0.123456789  # a voltage or charge that only a run can tell, and nobody asks for
 
@@ -119,6 +126,8 @@ def _lines(scenario: Scenario) -> Iterator[str]:
         if balloon.breakdown:
             yield f"    its film breaks down at {_breakdown_law(balloon.breakdown, balloon.thickness)}"
     yield ""
+    yield f"Shape: where a balloon would stop being a sphere, {_ON_LOSS[scenario.shape.on_loss]}"
+    yield ""
     yield "Steps"
     was_open = False
     seen: set[str] = set()
@@ -198,6 +207,9 @@ def _step(
             yield f"     equation   {equation}"
         kinds = dict.fromkeys(c.kind for c in group.conditions[1 if at_once else 0 :])
         yield f"     events     {', '.join(kinds) or 'none'}"
+        if scenario.shape.on_loss != "ignore" and (shapes := shape_conditions(group.equations)):
+            told = ", ".join(f"{device.names[group.members[s.place]]} to {_BECOMES[s.mode]}" for s in shapes)
+            yield f"     shape      loss_of_sphericity: {told}"
 
 
 def _drive(step: PlayedStep, group: Group) -> str:
@@ -264,9 +276,29 @@ def _left_out(scenario: Scenario, steps: Sequence[PlayedStep], seen: set[str]) -
         yield "breakdown: " + (
             "no voltage on the balloon that names it" if named else "no balloon names a field"
         )
+    yield from _shapes_left_out(scenario)
     if scenario.dynamics is None:
         yield "time: balloons follow at once, no [dynamics]"
     elif not any(balloon.maxwell for balloon in scenario.balloons):
         yield "creep: no balloon has a Maxwell branch"
     if scenario.dynamics is None and any(isinstance(s, Hold) for s in steps):
         yield "integration of holds: the state is kept, and copied"
+
+
+def _shapes_left_out(scenario: Scenario) -> Iterator[str]:
+    """Balloons whose shape is not looked at, or not at all of it."""
+    if scenario.shape.on_loss == "ignore":
+        yield "loss of sphericity: [shape] ignores it"
+        return
+    device = Device.from_scenario(scenario)
+    safe = [
+        name
+        for i, name in enumerate(device.names)
+        if i not in device.electroded and getattr(device.elastomers[i], "stays_spherical", False)
+    ]
+    if safe:
+        yield f"loss of sphericity of {', '.join(safe)}: without a voltage this elastomer stays a sphere"
+    assumed = [b.name for b in scenario.balloons if b.elastomer.model in ("tabulated", "python")]
+    if assumed:
+        yield f"other shapes than a pear of {', '.join(assumed)}: known about equal stretches only"
+    yield "what follows the loss of a sphere: only its onset is known"

@@ -15,6 +15,7 @@ from simulator.simulation.atlas import Atlas, Response
 from simulator.simulation.present import unknowns_of
 
 if TYPE_CHECKING:
+    from simulator.simulation.shape import ShapeWatch
     from simulator.simulation.until import EarlyEnd, Watch
 
 FloatArray = NDArray[np.float64]
@@ -38,6 +39,7 @@ def played_legs(
     stretch: FloatArray,
     pressure: float,
     watch: Watch | None,
+    shapes: ShapeWatch | None = None,
 ) -> Iterator[PlayedLeg]:
     """The legs of a step with their responses; none after the one in which the step or the history ends.
 
@@ -52,6 +54,8 @@ def played_legs(
         Where the device is when the step begins.
     watch : Watch, optional
         What ends the step early.
+    shapes : ShapeWatch, optional
+        What is known of the balloons' shapes when the step begins; brought to its end.
     """
     for leg in legs:
         values = leg.waveform.values
@@ -62,7 +66,7 @@ def played_legs(
         if watch is not None:
             from simulator.simulation.until import first_end  # a run without `until` does without
 
-            early_end, responses = first_end(watch, responses, leg.waveform, SAME_INSTANT)
+            early_end, responses = first_end(watch, responses, leg.waveform, SAME_INSTANT, shapes)
         yield PlayedLeg(leg, tuple(responses), early_end)
         if early_end is not None or leg is legs[-1]:
             return

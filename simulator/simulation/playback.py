@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +18,10 @@ from simulator.simulation.legs import SAME_INSTANT, PlayedLeg
 from simulator.simulation.recorder import Recorder
 from simulator.solver.branch import Branch
 
+if TYPE_CHECKING:
+    from simulator.simulation.present import Samples
+    from simulator.simulation.shape import ShapeChange, ShapeWatch
+
 FloatArray = NDArray[np.float64]
 
 
@@ -26,6 +32,7 @@ def record_exits(
     way: Way,
     exits: Mapping[int, Exit],
     states: Sequence[FloatArray],
+    shapes: ShapeWatch | None,
 ) -> None:
     """Record how some groups leave their states at one instant; the others stay.
 
@@ -40,6 +47,8 @@ def record_exits(
         By the group's place.
     states : sequence of (n_unknowns,) arrays
         The state y of each group before.
+    shapes : ShapeWatch, optional
+        What is known of the balloons' shapes.
     """
     states = list(states)
     before = record.present.at_instant(groups, way, states)
@@ -55,6 +64,11 @@ def record_exits(
         kind = next(iter(exits.values())).kind
         after = record.present.at_instant(groups, way, states)
         record.event(kind, before, after, sum(exit.dissipated for exit in exits.values()))
+    if shapes is not None and not last:
+        for place, exit in exits.items():
+            for change in shapes.in_exit(groups[place], exit):
+                if shapes.takes(change) and record.shape(change, before, after):
+                    return
     # What ended a flow on its way.
     ends = [exit.rest.end for exit in exits.values() if exit.rest is not None and exit.rest.end is not None]
     if ends and not record.ended:
@@ -68,13 +82,23 @@ class Playback:
     ----------
     record, books
         Added to.
+    shapes : ShapeWatch, optional
+        What is known of the balloons' shapes.
     played : PlayedLeg
     start, lasts : float
         When the leg begins, and how long it takes.
     """
 
-    def __init__(self, record: Recorder, books: Books, played: PlayedLeg, start: float, lasts: float) -> None:
-        self.record, self.books, self.played = record, books, played
+    def __init__(
+        self,
+        record: Recorder,
+        books: Books,
+        shapes: ShapeWatch | None,
+        played: PlayedLeg,
+        start: float,
+        lasts: float,
+    ) -> None:
+        self.record, self.books, self.shapes, self.played = record, books, shapes, played
         self.start, self.lasts = start, lasts
         self.groups = [response.group for response in played.responses]
         self.v = float(played.leg.waveform.values[0])
@@ -82,6 +106,8 @@ class Playback:
         # On which branch each group is, and from which v on.
         self.branches: list[Branch | None] = [response.branch for response in played.responses]
         self.since = [self.v] * len(self.groups)
+        found = shapes.on_the_way(played.responses, self.waveform) if shapes is not None else []
+        self.changes = deque(found)
 
     def play(self, fractions: FloatArray) -> None:
         """Record the leg, with samples at some fractions of it.
@@ -93,8 +119,9 @@ class Playback:
         """
         for fraction, exits in by_time(self.played.responses, SAME_INSTANT):
             between = (fractions > self.passed + SAME_INSTANT) & (fractions < fraction - SAME_INSTANT)
-            self._samples(fractions[between])
-            self._exits(fraction, exits)
+            self._samples(fractions[between], fraction)
+            if not self.record.ended:
+                self._exits(fraction, exits)
             if self.record.ended:
                 for place in set(range(len(self.groups))) - set(exits):
                     self._book(place)
@@ -106,7 +133,7 @@ class Playback:
             rest = fractions[fractions > 1.0 - SAME_INSTANT][-1:]
         failure = next((one.failure for one in self.played.responses if one.failure is not None), None)
         if failure is not None:
-            self._samples(rest[: _leading(rest, self.waveform, self.branches)])
+            self._samples(rest[: _leading(rest, self.waveform, self.branches)], 1.0)
             self.record.present.time = float(self.record.rows.time[-1][-1])
             raise failure
         self._finish(rest, goes_on=bool(goes_on))
@@ -116,39 +143,82 @@ class Playback:
         """How v moves in the leg."""
         return self.played.leg.waveform
 
-    def _samples(self, fractions: FloatArray) -> None:
-        """Samples at some fractions, all groups staying on their branches."""
-        if not fractions.size:
-            return
+    def _samples(self, fractions: FloatArray, upto: float) -> None:
+        """Samples at some fractions up to one, and changes of shape, all groups staying on their branches."""
+        start = self.start
+        at = self._states(fractions) if fractions.size else None
+        begin = 0
+        for change in self._changes(upto):
+            place = int(np.searchsorted(fractions, change.fraction))
+            if at is not None and place > begin:
+                self.record.samples(start + self.lasts * fractions[begin:place], at.part(begin, place))
+            begin = place
+            self._shape(change)
+            if self.record.ended:
+                return
+        if at is not None and begin < fractions.size:
+            self.record.samples(start + self.lasts * fractions[begin:], at.part(begin, fractions.size))
+
+    def _states(self, fractions: FloatArray) -> Samples:
+        """The device at some fractions, all groups staying on their branches."""
         v, way = self.waveform.at(fractions), self.played.leg.way
         states = [branch.at(v) for branch in self.branches if branch is not None]
-        at = self.record.present.with_groups(self.groups, way, v, states)
-        self.record.samples(self.start + self.lasts * fractions, at)
+        return self.record.present.with_groups(self.groups, way, v, states)
+
+    def _changes(self, upto: float) -> Iterator[ShapeChange]:
+        """What the balloons' shapes do up to a fraction of the leg, in order of time."""
+        while self.changes and self.changes[0].fraction <= upto and self.shapes is not None:
+            change = self.changes.popleft()
+            if self.shapes.takes(change):
+                yield change
+
+    def _shape(self, change: ShapeChange) -> None:
+        """Record a change of shape; all groups are on their branches."""
+        self.passed = max(self.passed, change.fraction)
+        self.record.present.time = self.start + self.lasts * change.fraction
+        self.v = float(change.before[-1])
+        states = self._on_branches({change.place: change.before})
+        at = self.record.present.at_instant(self.groups, self.played.leg.way, states)
+        self.record.shape(change, at, at)
+        if self.record.ended:
+            for place in range(len(self.groups)):
+                self._book(place)
+
+    def _on_branches(self, known: Mapping[int, FloatArray]) -> list[FloatArray]:
+        """The state y of each group at the present v; some, by their places, are known."""
+        present = self.record.present
+        return [
+            known[place]
+            if place in known
+            else present.unknowns(group, self.v)
+            if branch is None
+            else branch.state_at(self.v)
+            for place, (group, branch) in enumerate(zip(self.groups, self.branches, strict=True))
+        ]
 
     def _exits(self, fraction: float, exits: Mapping[int, Exit]) -> None:
         """What happens at one instant."""
         self.passed = fraction
         self.record.present.time = self.start + self.lasts * fraction
         self.v = float(next(iter(exits.values())).before[-1])
-        states = [
-            self.record.present.unknowns(group, self.v) if branch is None else branch.state_at(self.v)
-            for group, branch in zip(self.groups, self.branches, strict=True)
-        ]
+        states = self._on_branches({place: exit.before for place, exit in exits.items()})
         for place, exit in exits.items():
             states[place] = exit.before
             self._book(place)
             self.branches[place], self.since[place] = exit.onward, self.v
-        record_exits(self.record, self.books, self.groups, self.played.leg.way, exits, states)
+        record_exits(self.record, self.books, self.groups, self.played.leg.way, exits, states, self.shapes)
 
     def _finish(self, fractions: FloatArray, *, goes_on: bool) -> None:
         """From the last event to the end of the leg, or to where the step ends early."""
         present, way, early = self.record.present, self.played.leg.way, self.played.early_end
         end = early.state if early else None
-        self._samples(fractions if end is None else fractions[:-1])
+        far = early.fraction if early else 1.0
+        self._samples(fractions if end is None else fractions[:-1], far)
+        if self.record.ended:
+            return
         self.v = early.v if early else float(self.waveform.values[-1])
         for place in range(len(self.groups)):
             self._book(place)
-        far = early.fraction if early else 1.0
         present.time = self.start + self.lasts * far
         if present.given == "charge":
             present.charge = way.at(self.v)

@@ -34,6 +34,10 @@ class Samples(NamedTuple):
     pressure: FloatArray
     voltage: FloatArray
 
+    def part(self, begin: int, end: int) -> Samples:
+        """Some of them."""
+        return Samples(self.stretch[begin:end], self.pressure[begin:end], self.voltage[begin:end])
+
     @property
     def last(self) -> Snapshot:
         """The last of them."""

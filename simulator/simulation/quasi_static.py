@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from simulator.scenario import PlayedStep, Scenario
     from simulator.simulation.books import Books
     from simulator.simulation.recorder import Recorder
+    from simulator.simulation.shape import ShapeWatch
     from simulator.simulation.until import Watch
     from simulator.solver.ida import Effort
 
@@ -39,6 +40,7 @@ class QuasiStatic:
     def __init__(self, scenario: Scenario, record: Recorder, books: Books) -> None:
         self.scenario, self.record, self.books = scenario, record, books
         self.atlas = Atlas(scenario.solver.rtol)
+        self.shapes = shape_watch(scenario)
 
     @property
     def effort(self) -> Effort:
@@ -120,7 +122,7 @@ class QuasiStatic:
         if len(groups) > 1 and any(exit.landing is None for exit in exits.values()):
             exits = self._first_end(groups, way, v, exits)
         states = [self.record.present.unknowns(group, v) for group in groups]
-        record_exits(self.record, self.books, groups, way, exits, states)
+        record_exits(self.record, self.books, groups, way, exits, states, self.shapes)
 
     def _first_end(
         self, groups: Sequence[Group], way: Way, v: float, exits: Mapping[int, Exit]
@@ -151,7 +153,13 @@ class QuasiStatic:
             contents=present.contents,
         )
         found: Iterable[PlayedLeg] = played_legs(
-            self.atlas, legs, moving, present.stretch, present.pressure, watch
+            self.atlas,
+            legs,
+            moving,
+            present.stretch,
+            present.pressure,
+            watch,
+            self.shapes.ahead() if self.shapes and watch else None,
         )
         last = 1.0
         if watch is not None:
@@ -164,10 +172,19 @@ class QuasiStatic:
         for played in found:
             leg = played.leg
             within = leg.within(fractions)
-            Playback(
-                self.record, self.books, played, start + lasts * leg.start, lasts * (leg.end - leg.start)
-            ).play(within[within <= 1.0 + SAME_INSTANT])
+            begins, takes = start + lasts * leg.start, lasts * (leg.end - leg.start)
+            playback = Playback(self.record, self.books, self.shapes, played, begins, takes)
+            playback.play(within[within <= 1.0 + SAME_INSTANT])
             reached = played.early_end.reached if played.early_end else None
             if self.record.ended:
                 break
         return reached
+
+
+def shape_watch(scenario: Scenario) -> ShapeWatch | None:
+    """What is known of the balloons' shapes; None where the scenario ignores them."""
+    if scenario.shape.on_loss == "ignore":
+        return None
+    from simulator.simulation.shape import ShapeWatch  # a scenario that ignores shapes does without
+
+    return ShapeWatch()

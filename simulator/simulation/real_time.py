@@ -10,15 +10,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.events import EventKind
+from simulator.events import SHAPE_EVENTS, EventKind
 from simulator.model.conditions import stability_in_motion
 from simulator.model.drive import Leg, VoltageLine, Waveform, Way
 from simulator.model.groups import Group
 from simulator.simulation import motion
 from simulator.simulation.atlas import loses_tension
 from simulator.simulation.legs import SAME_INSTANT
-from simulator.simulation.present import Samples
+from simulator.simulation.present import Samples, Snapshot
 from simulator.simulation.recorder import sample_fractions
+from simulator.simulation.shape import ShapeChange, ShapeWatch
 from simulator.solver.ida import Effort
 from simulator.solver.viscous import Flow, Material, MaxwellBranch, Passage
 
@@ -45,6 +46,7 @@ class RealTime:
     def __init__(self, scenario: Scenario, record: Recorder, books: Books) -> None:
         self.scenario, self.record, self.books = scenario, record, books
         self.effort = Effort()
+        self.shapes = None if scenario.shape.on_loss == "ignore" else ShapeWatch()
         self.material = material_of(scenario)
         # Inner stretches of the Maxwell branches: stress free, as the stretches.
         self.inner: FloatArray = np.ones(len(self.material.creeping))
@@ -115,7 +117,7 @@ class RealTime:
             return
         if self._ends_at_once(groups, v):
             return
-        flow = Flow(groups, self.material)
+        flow = Flow(groups, self.material, self.scenario.shape.on_loss)
         for begin, end, drive in smooth_parts(waveform, lasts):
             within = fractions[(fractions > begin + SAME_INSTANT) & (fractions <= end + SAME_INSTANT)]
             at_end = within > end - SAME_INSTANT
@@ -137,11 +139,24 @@ class RealTime:
         present.time = start + lasts
 
     def _ends_at_once(self, groups: Sequence[Group], v: float) -> bool:
-        """Whether the present state is beyond what ends a history; then that is recorded."""
+        """Whether the present state is beyond what ends a history; then that is recorded.
+
+        So is a balloon's shape that a jump of the voltage has changed.
+        """
         kind = self._beyond(groups, v)
         if kind is not None:
             self.record.event(kind, self.record.present.snapshot)
-        return kind is not None
+            return True
+        for group in groups if self.shapes is not None else ():
+            state = self.record.present.unknowns(group, v)
+            for change in self.shapes.in_state(group, state) if self.shapes is not None else ():
+                self._shape(change, self.record.present.snapshot)
+        return self.record.ended
+
+    def _shape(self, change: ShapeChange, here: Snapshot) -> None:
+        """Record a change of a balloon's shape, if it is one."""
+        if self.shapes is not None and self.shapes.takes(change):
+            self.record.shape(change, here, here)
 
     def _beyond(self, groups: Sequence[Group], v: float) -> EventKind | None:
         """What ends a history and has a margin below zero in the present state.
@@ -171,7 +186,9 @@ class RealTime:
             read = max(read, upto)
             present.time = float(clock[0] + passed.time)
             here = states.of(passed.stretch[None], [passed.time]).last
-            if passed.kind == EventKind.LIMIT_POINT:
+            if passed.kind in SHAPE_EVENTS:
+                self._shape(ShapeChange(EventKind(passed.kind), passed.balloon, passed.mode), here)
+            elif passed.kind == EventKind.LIMIT_POINT:
                 self.record.event(EventKind.LIMIT_POINT, here, here, 0.0)
             else:
                 self.record.event(EventKind(passed.kind), here)

@@ -15,6 +15,7 @@ from simulator.simulation.present import Present, Samples, Snapshot
 if TYPE_CHECKING:
     from simulator.scenario import Output, Scenario
     from simulator.simulation.books import Books
+    from simulator.simulation.shape import ShapeChange
     from simulator.solver.ida import Effort
 
 FloatArray = NDArray[np.float64]
@@ -44,11 +45,14 @@ class Recorder:
     events: list[Event] = field(default_factory=list)
     stops: list[Stop] = field(default_factory=list)
     jumps: int = 0  # events that the device went on from
+    stops_at_shape: bool = False  # whether the history ends where a balloon stops being a sphere
 
     @property
     def outcome(self) -> Outcome:
         """How the history has ended, `COMPLETED` while it has not."""
         last = self.events[-1].kind if self.events else None
+        if last is EventKind.LOSS_OF_SPHERICITY and self.stops_at_shape:
+            return Outcome.LOSS_OF_SPHERICITY
         return Outcome.COMPLETED if last is None else OUTCOMES.get(last, Outcome.COMPLETED)
 
     @property
@@ -125,6 +129,46 @@ class Recorder:
             present.take(after)
             self.sample_now()
 
+    def shape(self, change: ShapeChange, before: Snapshot, after: Snapshot) -> bool:
+        """Add a change of a balloon's shape, and a row of the state in which it happens.
+
+        Parameters
+        ----------
+        change : ShapeChange
+        before, after : Snapshot
+            One state on a branch; of a flow, those between which it happens, which have their rows already.
+
+        Returns
+        -------
+        bool
+            Whether the history ends with it.
+        """
+        present, rows = self.present, self.rows
+        device = present.device
+        sides = (before, after)
+        fields = [device.field(side.stretch[None], side.voltage[None])[0] for side in sides]
+        self.events.append(
+            Event(
+                time=present.time,
+                step=present.step,
+                kind=change.kind,
+                voltage=after.voltage,
+                stretch_before=before.stretch,
+                stretch_after=after.stretch,
+                pressure_before=before.pressure,
+                pressure_after=after.pressure,
+                field_before=fields[0],
+                field_after=fields[1],
+                dissipated=0.0,
+                balloon=device.names[change.balloon],
+                mode=change.mode,
+            )
+        )
+        if rows.time[-1][-1] != present.time or not np.array_equal(rows.stretch[-1][-1], after.stretch):
+            present.take(after)
+            self.sample_now()
+        return self.ended
+
     def history(
         self, scenario: Scenario, books: Books, statistics: SolverStatistics, outcome: Outcome
     ) -> History:
@@ -159,6 +203,9 @@ class Recorder:
             rated=tuple(scenario.electroded[place] for place in device.rated),
             strength=strength,
             margin=1.0 - np.abs(true_field[:, list(device.rated)]) / strength,
+            sphericity=np.empty((0, 0))
+            if scenario.shape.on_loss == "ignore"
+            else device.sphericity(stretch, voltage),
         )
 
     def statistics(self, effort: Effort, branches: int, seconds: float) -> SolverStatistics:

@@ -137,7 +137,10 @@ class Run:
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
         self.started = time.perf_counter()
-        self.record = Recorder(Present.unstretched(Device.from_scenario(scenario)))
+        self.record = Recorder(
+            Present.unstretched(Device.from_scenario(scenario)),
+            stops_at_shape=scenario.shape.on_loss == "stop",
+        )
         self.books = Books()
         self.kinetics = _kinetics(scenario, self.record, self.books)
 

@@ -8,7 +8,7 @@ A value that a snap passes over ends the step when the snap has landed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -22,7 +22,8 @@ from simulator.model.drive import Waveform
 from simulator.model.elastomers import Number
 from simulator.model.equations import State
 from simulator.model.groups import Group
-from simulator.simulation.atlas import Exit, Response
+from simulator.simulation.atlas import Response
+from simulator.simulation.parts import parts_of
 from simulator.simulation.present import Present
 from simulator.solver import newton
 from simulator.solver.branch import Branch
@@ -31,6 +32,7 @@ from simulator.units import Written
 
 if TYPE_CHECKING:
     from simulator.scenario import Until
+    from simulator.simulation.shape import ShapeWatch
 
 FloatArray = NDArray[np.float64]
 
@@ -83,10 +85,11 @@ def _told(value: float) -> str:
 
 @dataclass(frozen=True)
 class Watch:
-    """What ends a step: values that are taken, and, if asked for, a limit point."""
+    """What ends a step: values that are taken, and, if asked for, a limit point or a loss of sphericity."""
 
     values: tuple[WatchedValue, ...]
     limit_point: bool
+    loss_of_sphericity: bool = False
 
     @classmethod
     def over(cls, until: Until, device: Device) -> Watch:
@@ -105,7 +108,8 @@ class Watch:
                 found.append(WatchedValue(kind, device.names.index(name), value, label))
         if until.pressure is not None:
             found.append(WatchedValue("pressure", -1, until.pressure, f"pressure = {_told(until.pressure)}"))
-        return cls(tuple(found), until.event is not None)
+        turns, loses = (until.event == kind for kind in (EventKind.LIMIT_POINT, EventKind.LOSS_OF_SPHERICITY))
+        return cls(tuple(found), turns, loses)
 
     def distances(self, present: Present) -> list[float]:
         """How far the device is from each value."""
@@ -120,7 +124,8 @@ class Watch:
     def labels(self) -> tuple[str, ...]:
         """What it waits for, in words."""
         turns = [EventKind.LIMIT_POINT.value] if self.limit_point else []
-        return (*turns, *(value.label for value in self.values))
+        loses = [EventKind.LOSS_OF_SPHERICITY.value] if self.loss_of_sphericity else []
+        return (*turns, *loses, *(value.label for value in self.values))
 
 
 @dataclass(frozen=True)
@@ -143,21 +148,12 @@ class EarlyEnd:
     state: tuple[int, FloatArray] | None
 
 
-@dataclass(frozen=True)
-class _OnBranch:
-    """A part of a response on one branch, from one exit to the next.
-
-    `pieces` are the monotone pieces of the waveform in it: which, and v at both ends.
-    """
-
-    number: int
-    branch: Branch
-    pieces: tuple[tuple[int, float, float], ...]
-    exit: Exit | None
-
-
 def first_end(
-    watch: Watch, responses: Sequence[Response], waveform: Waveform, resolution: float
+    watch: Watch,
+    responses: Sequence[Response],
+    waveform: Waveform,
+    resolution: float,
+    shapes: ShapeWatch | None = None,
 ) -> tuple[EarlyEnd | None, list[Response]]:
     """The first early end in some responses, and the responses as far as there.
 
@@ -169,6 +165,8 @@ def first_end(
     waveform : Waveform
     resolution : float
         Fractions closer than this are one.
+    shapes : ShapeWatch, optional
+        What is known of the balloons' shapes when the leg begins; brought to its end.
 
     Returns
     -------
@@ -191,6 +189,14 @@ def first_end(
                 fraction, v, state, exits = passage
                 reached = EarlyEnd(fraction, v, value.label, None if state is None else (place, state))
                 found.append((fraction, 0 if state is not None else 1, place, exits, reached))
+    loss = shapes.first_loss(responses, waveform) if watch.loss_of_sphericity and shapes else None
+    if loss is not None:
+        change, exits = loss
+        place, on_branch = change.place, change.before.size > 0
+        there = change.before if on_branch else responses[place].exits[exits - 1].before
+        at = (place, there) if on_branch else None
+        end = EarlyEnd(change.fraction, float(there[-1]), change.kind.value, at)
+        found.append((change.fraction, 0 if on_branch else 1, place, exits, end))
     if not found:
         return None, list(responses)
     _, after_exit, owner, exits, early_end = min(found, key=lambda candidate: candidate[:4])
@@ -211,7 +217,7 @@ def _up_to(
     count = sum(exit.fraction <= latest for exit in response.exits) if exits is None else exits
     cut = replace(response, exits=response.exits[:count], failure=None)
     if exits is None and response.failure is not None and count == len(response.exits):
-        *_, last = _branches(response, waveform)
+        *_, last = parts_of(response, waveform)
         low, high = last.branch.known_range()
         inside = waveform.fractions < end.fraction
         since = response.exits[-1].fraction if response.exits else 0.0
@@ -219,24 +225,6 @@ def _up_to(
         if not all(low <= v <= high for v in passed):
             return response
     return cut
-
-
-def _branches(response: Response, waveform: Waveform) -> Iterator[_OnBranch]:
-    """The parts of a response on its branches, in order."""
-    branch, since, v = response.branch, 0.0, float(waveform.values[0])
-    for number in range(len(response.exits) + 1):
-        if branch is None:
-            return
-        exit = response.exits[number] if number < len(response.exits) else None
-        end = 1.0 if exit is None else exit.fraction
-        target = float(waveform.values[-1]) if exit is None else float(exit.before[-1])
-        first = int(np.searchsorted(waveform.fractions[:-1], since, side="right")) - 1
-        last = max(int(np.searchsorted(waveform.fractions, end, side="left")) - 1, first)
-        corners = [v, *waveform.values[first + 1 : last + 1].tolist(), target]
-        pieces = [(first + i, corners[i], corners[i + 1]) for i in range(len(corners) - 1)]
-        yield _OnBranch(number, branch, tuple(piece for piece in pieces if piece[1] != piece[2]), exit)
-        if exit is not None:
-            branch, since, v = exit.onward, exit.fraction, target
 
 
 def _passage(
@@ -248,7 +236,7 @@ def _passage(
     """
     condition = Condition(label, margin, lambda y: gradient(margin, y))
     side = 0.0
-    for part in _branches(response, waveform):
+    for part in parts_of(response, waveform):
         branch = part.branch
         searched: tuple[float, float] | None = None
         for piece, start, end in part.pieces:

@@ -162,6 +162,27 @@ class Branch:
             self._samples[key] = self._solved(v)
         return self._samples[key]
 
+    def outline(self, count: int) -> FloatArray:
+        """The branch in outline: its points, and `count` states on the cubic between each two, not polished.
+
+        Returns
+        -------
+        (n_unknowns, n + (n − 1) count) array
+            In order of rising v.
+        """
+        c = self._through_points()
+        x = np.arange(1, count + 1) / (count + 1.0)
+        y0, m0, a, b = (part[:, :, None] for part in (c.y0, c.m0, c.a, c.b))
+        between = y0 + x * (m0 + x * (a + x * b))
+        inner = np.concatenate([self.states[:, :-1, None], between], axis=2).reshape(len(self.states), -1)
+        return np.concatenate([inner, self.states[:, -1:]], axis=1)
+
+    def _through_points(self) -> Cubics:
+        if self._cubics is None:
+            weights = 1.0 / self.equations.scales[:, None] ** 2
+            self._cubics = Cubics.through(weights, self.states, self.tangents)
+        return self._cubics
+
     def _solved(self, v: FloatArray) -> FloatArray:
         nodes = self.states[-1]
         if nodes.size == 1:
@@ -207,10 +228,7 @@ class Branch:
 
     def interpolated(self, place: NDArray[np.int64], v: FloatArray) -> FloatArray:
         """Interpolated states at v, each in its interval."""
-        if self._cubics is None:
-            weights = 1.0 / self.equations.scales[:, None] ** 2
-            self._cubics = Cubics.through(weights, self.states, self.tangents)
-        c = self._cubics
+        c = self._through_points()
         y0, m0, a, b = c.y0[:, place], c.m0[:, place], c.a[:, place], c.b[:, place]
         x = _where(v - y0[-1], m0[-1], a[-1], b[-1])
         states: FloatArray = y0 + x * (m0 + x * (a + x * b))

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -54,11 +54,13 @@ class FlowError(ArithmeticError):
 class Rest:
     """Where a flow ended: at rest (`end` None), in an event (its kind), or nowhere ("runaway").
 
-    `state` is the full state (n_unknowns,); for a rest it solves the equations to rounding.
+    `state` is the full state (n_unknowns,); for a rest it solves the equations to rounding. `path` are the
+    states (n_unknowns, n) that the flow passed on its way.
     """
 
     state: FloatArray
     end: str | None
+    path: FloatArray = field(default_factory=lambda: np.empty((0, 0)), repr=False, compare=False)
 
 
 def relax(
@@ -206,6 +208,7 @@ def _flow(
     endless = [i for i, wall in enumerate(equations.walls) if math.isinf(wall.elastomer.stretch_limit)]
     far = _FAR * float(np.max(start[:count]))
     closest = [math.inf] * len(conditions)
+    path = np.empty((start.size, 0))
     state, near = np.array(equations.admitted(start.tolist())), NEAR
     passed = parted = False
     while True:
@@ -235,15 +238,16 @@ def _flow(
                 min(low, float(np.min(margin(states))))
                 for low, margin in zip(closest, margins[: len(conditions)], strict=True)
             ]
-            state = states[:, -1]
+            state, path = states[:, -1], np.concatenate([path, states], axis=1)
             if ended < len(conditions):
-                return Rest(_at_margin(equations, conditions[ended], state), conditions[ended].kind), closest
+                at_margin = _at_margin(equations, conditions[ended], state)
+                return Rest(at_margin, conditions[ended].kind, path), closest
             if ended > len(conditions):
-                return Rest(state, "runaway"), closest
+                return Rest(state, "runaway", path), closest
         nearest = near <= _NEAREST[rtol]
         landing = landing_from(equations, conditions, state, state, surely=not nearest)
         if landing is not None:
-            return Rest(landing, None), closest
+            return Rest(landing, None, path), closest
         fold = fold_beside(equations, state)
         if fold is not None and not passed and np.max(np.abs(fold - state) / equations.scales) < _GHOST:
             onward = _past(equations, conditions, fold, float(state[-1]))
@@ -255,7 +259,7 @@ def _flow(
         near *= 0.1
     broken = broken_at_rest(equations, conditions, state)
     if broken is not None:
-        return Rest(_at_margin(equations, broken, state), broken.kind), closest
+        return Rest(_at_margin(equations, broken, state), broken.kind, path), closest
     raise FlowError("the flow slows down where there is no rest")
 
 

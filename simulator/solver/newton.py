@@ -291,6 +291,25 @@ def at_event(equations: Equations, condition: Condition, guess: FloatArray) -> F
     return even if np.abs(even - state).max() <= 1e-12 else at_event(equations, condition, even)
 
 
+def at_crossing(equations: Equations, condition: Condition, guess: FloatArray) -> FloatArray:
+    """As `at_event`, of a condition that the curve crosses in a regular state.
+
+    Raises
+    ------
+    NotConverged
+        If the residual or the margin does not vanish, or the state is not regular.
+    """
+
+    def step(state: list[float]) -> tuple[list[float], Callable[[], bool]]:
+        residual, rows = equations.linearised(state)
+        defect = [*residual, condition.margin(state)]
+        matrix = np.array([*rows, condition.slope(np.array(state))], dtype=np.float64)
+        changes = np.linalg.solve(matrix, np.array(defect, dtype=np.float64)).tolist()
+        return changes, lambda: _rounds_to_zero(equations, state, defect, matrix)
+
+    return solved_one(step, guess, equations.scales, f"state at a {condition.kind}")
+
+
 def _rounds_to_zero(
     equations: Equations, state: list[float], residual: Sequence[float] | FloatArray, rows: FloatArray
 ) -> bool:

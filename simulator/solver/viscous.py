@@ -19,15 +19,15 @@ C. C. Foo, S. Cai, S. J. A. Koh, S. Bauer, Z. Suo, J. Appl. Phys. 111 (2012) 034
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simulator.events import EventKind
-from simulator.model.conditions import stability_in_motion
+from simulator.model.conditions import shape_conditions, stability_in_motion
 from simulator.model.elastomers import NeoHookean, tension_force, tension_stiffness
 from simulator.model.groups import Group
 from simulator.solver.ida import Course, Effort, IntegrationError, System, integrate
@@ -42,6 +42,8 @@ _ATOL_ENERGY = 1e-16
 _ATOL_ENERGY_WIDE = 1e-13
 _MOST_STEPS = 1_000_000
 _SPRING = NeoHookean()
+# What a loss of sphericity does to a flow.
+Shapes = Literal["record", "stop", "ignore"]
 
 
 @dataclass(frozen=True)
@@ -67,11 +69,27 @@ class Material:
 
 @dataclass(frozen=True)
 class Passed:
-    """A margin that fell through zero: when, of what kind, and the stretches of all balloons then."""
+    """A margin that fell through zero: when, of what kind, and the stretches of all balloons then.
+
+    Of a balloon's shape also which balloon, and what it would turn into.
+    """
 
     time: float
     kind: str
     stretch: FloatArray
+    balloon: int = -1
+    mode: str = ""
+
+
+@dataclass(frozen=True)
+class Watched:
+    """A margin of the stretches and v, what its fall through zero is, and whether that ends the history."""
+
+    kind: str
+    margin: Callable[[list[float], float], float]
+    ends: bool
+    balloon: int = -1
+    mode: str = ""
 
 
 @dataclass(frozen=True)
@@ -88,7 +106,7 @@ class Passage:
     work, dissipated : float
         ∫ −∂Π/∂v dv, and what was lost.
     passed : tuple of Passed
-        Limit points in order of time; and what ended it, if anything did.
+        Limit points and changes of shape in order of time; and what ended it, if anything did.
     ended : bool
     """
 
@@ -104,8 +122,9 @@ class Passage:
 class Flow:
     """The flow of all balloons: groups that each have their own equations, under one drive v(t)."""
 
-    def __init__(self, groups: Sequence[Group], material: Material) -> None:
+    def __init__(self, groups: Sequence[Group], material: Material, shapes: Shapes = "ignore") -> None:
         self.groups = groups
+        self.shapes = shapes
         self.material = material
         self.count = sum(len(group.members) for group in groups)
         self.creeping = material.creeping
@@ -257,19 +276,19 @@ class Flow:
         IntegrationError
             If IDA fails.
         """
-        kinds, margins = self._margins()
+        watched = list(self._watched())
 
-        def watched(t: float, values: list[float], speeds: list[float]) -> list[float]:
+        def margins(t: float, values: list[float], speeds: list[float]) -> list[float]:
             v = drive(t)[0]
-            return [margin(values, v) for margin in margins]
+            return [one.margin(values, v) for one in watched]
 
         start = np.concatenate([stretch, inner, [0.0, 0.0]])
         rounding = sum(w.weight * x**4 for w, x in zip(self._walls, stretch.tolist(), strict=True))
         system = System(
             lambda t, y, yp: self._residual(y, yp, *drive(t)),
             lambda t, y, yp, cj: self._jacobian(y, yp, drive(t)[0], cj),
-            watched,
-            [kind != "limit_point" for kind in kinds],
+            margins,
+            [one.ends for one in watched],
         )
         rates = np.array(self._rates(start.tolist(), *drive(float(times[0]))))
         # A third time, or IDA's own steps would be returned.
@@ -285,8 +304,12 @@ class Flow:
             course = integrated(_ATOL_ENERGY)
         except IntegrationError:
             course = integrated(_ATOL_ENERGY_WIDE)
-        passed = tuple(Passed(e.time, kinds[e.which], e.state[: self.count].copy()) for e in course.events)
-        ended = bool(passed) and passed[-1].kind != "limit_point"
+        passed = tuple(
+            Passed(e.time, one.kind, e.state[: self.count].copy(), one.balloon, one.mode)
+            for e in course.events
+            for one in (watched[e.which],)
+        )
+        ended = bool(passed) and watched[course.events[-1].which].ends
         end = passed[-1].time if ended else float(times[-1])
         kept = np.isin(course.time, times) & (course.time < end) | (course.time == end)
         last = course.states[-1]
@@ -300,19 +323,21 @@ class Flow:
             ended,
         )
 
-    def _margins(self) -> tuple[list[str], list[Callable[[list[float], float], float]]]:
-        """What is watched: stability of every group, what ends a history, and stretches without a limit."""
-        kinds: list[str] = []
-        margins: list[Callable[[list[float], float], float]] = []
+    def _watched(self) -> Iterator[Watched]:
+        """What is watched: stability of every group, what ends a history, and the balloons' shapes."""
 
-        def watched(group: Group, margin: Callable[[Any], Any]) -> Callable[[list[float], float], float]:
-            return lambda values, v: float(margin(self.state(group, values, v)))
+        def of(group: Group, margin: Callable[[Any], Any], sign: float = 1.0) -> Callable[..., float]:
+            return lambda values, v: sign * float(margin(self.state(group, values, v)))
 
         for group in self.groups:
             for condition in group.conditions:
-                stability = condition.kind == EventKind.LIMIT_POINT
-                kinds.append(condition.kind)
-                margins.append(
-                    watched(group, stability_in_motion(group.equations) if stability else condition.margin)
-                )
-        return kinds, margins
+                turns = condition.kind == EventKind.LIMIT_POINT
+                margin = of(group, stability_in_motion(group.equations) if turns else condition.margin)
+                yield Watched(condition.kind, margin, not turns)
+            for shape in shape_conditions(group.equations) if self.shapes != "ignore" else ():
+                balloon, margin = group.members[shape.place], shape.condition.margin
+                stops = self.shapes == "stop"
+                lost = Watched(EventKind.LOSS_OF_SPHERICITY, of(group, margin), stops, balloon, shape.mode)
+                yield lost
+                back = of(group, margin, -1.0)
+                yield replace(lost, kind=EventKind.SPHERICITY_REGAINED, margin=back, ends=False)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError, ValidationInfo
 
 from simulator.results.files import write_files
+from simulator.results.shapes import SHAPES
 from simulator.scenario import Problem, ScenarioError
 from simulator.scenario.fields import Chosen, Float, Frozen, Int, problems_of, refused
 from simulator.scenario.mapping import near
@@ -212,6 +213,8 @@ def read_question(source: QuestionLike) -> Question:
         raise ScenarioError(
             file, Problem("sample", data["sample"], "does not go with an optimum; see search")
         )
+    if any(_is_of_shapes(name) for name in (read.maximize, read.minimize, *read.where) if name):
+        data["record"] = {**data.get("record", {}), "shapes": True}
     # Intervals, as for a sample; of a sweep's own words nothing else changes.
     sweep = read_sweep({**data, "sample": {"method": "random", "size": 1}}, file=file)
     kinds = columns(sweep.job)
@@ -233,7 +236,12 @@ def read_question(source: QuestionLike) -> Question:
     return Question(sweep, column, -1.0 if word == "maximize" else 1.0, read.where, read.search)
 
 
-_WORDS = {"outcome": OUTCOMES, "behaviour": BEHAVIOURS}
+_WORDS = {"outcome": OUTCOMES, "behaviour": BEHAVIOURS, "shape": SHAPES}
+
+
+def _is_of_shapes(column: str) -> bool:
+    """Whether a column is there only where shapes are recorded."""
+    return column == "shape" or column.startswith(("sphericity_voltage_", "least_sphericity_"))
 
 
 def _wrong_condition(

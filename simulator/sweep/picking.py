@@ -158,7 +158,9 @@ def fold_line(text: str, x: str, y: str) -> FoldLine:
         has = f"{varied} and step.N.{kind.replace('|', ' or step.N.')}"
         raise PickError(f"--fold {path}: is a curve over {has}, the map is over {x} and {y}")
     at_x, at_y = (columns[varied], drive) if varied == x else (drive, columns[varied])
-    label = "limit point of the inflation" if not voltage.any() else "limit point"
+    lost = next((word for word in ("loss_of_sphericity", "sphericity_regained") if word in columns), None)
+    label = lost.replace("_", " ") if lost else "limit point"
+    label += " of the inflation" if not voltage.any() else ""
     return FoldLine(at_x, at_y, label, panel)
 
 

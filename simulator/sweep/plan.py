@@ -85,10 +85,13 @@ class Recorded:
         The voltages of so many limit points.
     sensitivities : tuple of str
         The keys of numbers in which the first of them is differentiated.
+    shapes : bool
+        Whether balloons stay spheres.
     """
 
     limit_points: int = 2
     sensitivities: tuple[str, ...] = ()
+    shapes: bool = False
 
 
 @dataclass(frozen=True)

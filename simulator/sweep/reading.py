@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field, ValidationError, ValidationInfo
 
 from simulator import __version__
-from simulator.scenario import Cycle, Problem, Ramp, Scenario, ScenarioError, load_scenario
+from simulator.scenario import Cycle, Problem, Ramp, Scenario, ScenarioError, load_scenario, until_of
 from simulator.scenario.fields import Chosen, Float, Frozen, Int, Text, problems_of, refused
 from simulator.scenario.keys import all_keys, physical_keys
 from simulator.scenario.mapping import near, number_and_unit, value_at, with_values
@@ -96,6 +96,7 @@ class RecordTable(Frozen):
     sensitivities: Annotated[
         bool | tuple[str, ...], Field(description="true, false or a list of keys of the scenario")
     ] = False
+    shapes: Annotated[bool, Field(strict=True, description="true or false")] = False
 
 
 class SweepFile(Frozen):
@@ -111,7 +112,7 @@ class SweepFile(Frozen):
         dict[str, PastTable] | None,
         Field(min_length=1, max_length=1, description='one key, such as "step.2.ramp" = { times = 1.001 }'),
     ] = None
-    record: Annotated[RecordTable, Field(description="a table with limit_points, sensitivities")] = (
+    record: Annotated[RecordTable, Field(description="a table with limit_points, sensitivities, shapes")] = (
         RecordTable()
     )
 
@@ -175,8 +176,19 @@ def read_sweep(source: SweepLike, *, file: str | None = None) -> Sweep:
     return _sweep(file, read, scenario, axes)
 
 
-def _sweep(file: str, read: SweepFile, scenario: Scenario, axes: tuple[Axis, ...]) -> Sweep:
+def _with_shapes(scenario: Scenario, *, recorded: bool) -> dict[str, Any]:
+    """A scenario as a mapping, in which shapes are looked at only where a row or the history needs them."""
     mapping = scenario.to_dict()
+    ends = any(until.event == "loss_of_sphericity" for s in scenario.played_steps() if (until := until_of(s)))
+    if recorded and scenario.shape.on_loss == "ignore":
+        mapping["shape"] = {"on_loss": "record"}
+    elif not recorded and scenario.shape.on_loss == "record" and not ends:
+        mapping["shape"] = {"on_loss": "ignore"}
+    return mapping
+
+
+def _sweep(file: str, read: SweepFile, scenario: Scenario, axes: tuple[Axis, ...]) -> Sweep:
+    mapping = _with_shapes(scenario, recorded=read.record.shapes)
     asked = read.record.sensitivities
     keys = (physical_keys(scenario) if asked else ()) if isinstance(asked, bool) else asked
     past = None
@@ -188,7 +200,7 @@ def _sweep(file: str, read: SweepFile, scenario: Scenario, axes: tuple[Axis, ...
         scenario=mapping,
         axes=axes,
         past=past,
-        recorded=Recorded(read.record.limit_points, keys),
+        recorded=Recorded(read.record.limit_points, keys, read.record.shapes),
         balloons=tuple(balloon.name for balloon in scenario.balloons),
         electroded=scenario.electroded,
         version=__version__,

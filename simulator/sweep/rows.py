@@ -17,6 +17,7 @@ import numpy as np
 
 from simulator import __version__
 from simulator.events import EventKind, Outcome
+from simulator.results.shapes import shape_word
 from simulator.scenario import Inflate, ScenarioError, load_scenario
 from simulator.scenario.mapping import with_values
 from simulator.simulation.run import SolverError, simulate
@@ -28,7 +29,13 @@ if TYPE_CHECKING:
 
 _AT_REST = 1e-6  # stretches closer than this are the same state of rest
 
-_ENDS = (Outcome.LOSS_OF_TENSION, Outcome.BREAKDOWN, Outcome.RUNAWAY, Outcome.OUT_OF_RANGE)
+_ENDS = (
+    Outcome.LOSS_OF_TENSION,
+    Outcome.BREAKDOWN,
+    Outcome.RUNAWAY,
+    Outcome.OUT_OF_RANGE,
+    Outcome.LOSS_OF_SPHERICITY,
+)
 
 OUTCOMES = (*(outcome.value for outcome in Outcome), "refused")
 """What the column `outcome` may say: how a history ended, or "refused" where the scenario makes no sense."""
@@ -73,6 +80,7 @@ def columns(job: Job) -> dict[str, str]:
         **({job.past.key: "number"} if job.past else {}),
         "outcome": "text",
         "behaviour": "text",
+        **({"shape": "text"} if job.recorded.shapes else {}),
         "limit_points": "whole",
         **voltages,
         "branch_points": "whole",
@@ -83,6 +91,7 @@ def columns(job: Job) -> dict[str, str]:
         **{f"largest_stretch_{name}": "number" for name in job.balloons},
         **{f"residual_stretch_{name}": "number" for name in job.balloons},
         **{f"largest_field_{name}": "number" for name in job.electroded},
+        **(_of_shapes(job) if job.recorded.shapes else {}),
         "loop_work": "number",
         "dissipated": "number",
         "energy_imbalance": "number",
@@ -94,6 +103,13 @@ def columns(job: Job) -> dict[str, str]:
         "way": "text",
         "seconds": "number",
         "error": "text",
+    }
+
+
+def _of_shapes(job: Job) -> dict[str, str]:
+    return {
+        **{f"sphericity_voltage_{name}": "number" for name in job.electroded},
+        **{f"least_sphericity_{name}": "number" for name in job.balloons},
     }
 
 
@@ -195,10 +211,10 @@ def _played(job: Job, mapping: Mapping[str, Any], row: dict[str, Any]) -> Histor
         whole = simulate(scenario)
     except SolverError as error:
         # What fails beyond the limit point need not be gone through.
-        if error.history is None or not _turned(error.history.events, past.step):
+        if error.history is None or not _turned(error.history.mechanical, past.step):
             raise
         whole = error.history
-    turn = _turned(whole.events, past.step)
+    turn = _turned(whole.mechanical, past.step)
     if turn is None:
         row[past.key] = float(scenario.steps[past.step - 1].ramp)  # type: ignore[union-attr, arg-type]
         return whole
@@ -234,6 +250,7 @@ def facts(history: History, limit_points: int) -> dict[str, Any]:
     row: dict[str, Any] = {
         "outcome": history.outcome.value,
         "behaviour": behaviour(history, snaps, sealed),
+        "shape": shape_word(history, snaps),
         "limit_points": len(turns),
         "branch_points": sum(
             e.kind is EventKind.BRANCH_POINT and e.step not in inflating for e in history.events
@@ -256,6 +273,11 @@ def facts(history: History, limit_points: int) -> dict[str, Any]:
     if complete:
         row["loop_work"] = history.energy_balance.electrical_work
         row |= _named("residual_stretch", history.balloons, history.stretch[-1])
+    if history.sphericity.size:
+        row |= _named("least_sphericity", history.balloons, history.sphericity.min(axis=0))
+    lost = next((e for e in history.events if e.kind is EventKind.LOSS_OF_SPHERICITY), None)
+    if lost is not None:
+        row |= _named("sphericity_voltage", history.electroded, lost.voltage)
     return row | _named("largest_field", history.electroded, np.abs(history.field).max(axis=0))
 
 
@@ -302,9 +324,11 @@ def behaviour(history: History, snaps: Sequence[Event], sealed: int) -> str:
         back = np.abs(history.stretch[-1] - history.stretch[sealed]).max() < _AT_REST
         return "snap_returns" if back else "snap_stays"
     end = history.outcome.value
-    before = history.events[-2] if len(history.events) > 1 else None
-    inflated = isinstance(_played_step(history, history.events[-1].step), Inflate)
-    at_once = before is not None and before.time == history.events[-1].time and not inflated
+    last = history.events[-1]
+    before = next((event for event in reversed(history.mechanical) if event is not last), None)
+    inflated = isinstance(_played_step(history, last.step), Inflate)
+    at_once = before is not None and before.time == last.time and not inflated
+    at_once &= last.kind is not EventKind.LOSS_OF_SPHERICITY  # a snap has landed then
     if at_once and before is not None and before.kind in (EventKind.LIMIT_POINT, EventKind.BRANCH_POINT):
         return f"snap_to_{end}"
     return f"snap_then_{end}" if snaps else end

@@ -22,11 +22,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator import History, load_scenario, simulate
+from simulator import History, load_scenario
 from tests.fuzz import happenings
 from tests.fuzz.running import Ran, Runner
 from tests.fuzz.soundness import problems_of
 from tests.oracle.general.reference import Reference, ReferenceEvent, State
+from tests.pairs import run
 
 FloatArray = NDArray[np.float64]
 Document = dict[str, Any]
@@ -80,7 +81,7 @@ class Verdict:
 
 def history_of(document: Document) -> History:
     """The simulator's history."""
-    return simulate(load_scenario(document))
+    return run(load_scenario(document))
 
 
 def reference_of(document: Document, times: FloatArray, steps: NDArray[np.int64]) -> Reference:

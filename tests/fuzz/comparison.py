@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from simulator import SolverError, load_scenario, simulate
+from simulator import SolverError, load_scenario
 from simulator.results.history import History
 from tests.oracle.closed_form import (
     Balloon,
@@ -22,6 +22,7 @@ from tests.oracle.closed_form import (
     reference_history,
     states_on,
 )
+from tests.pairs import run
 
 EVENT_VOLTAGE = 1e-9
 STATE = 1e-8
@@ -56,7 +57,7 @@ def examine(written: dict[str, Any]) -> Verdict:
     asked = load_scenario(written)
     start = time.perf_counter()
     try:
-        history = simulate(asked)
+        history = run(asked)
     except SolverError as error:
         verdict.problems.append(f"SolverError: {error}")
         history = None

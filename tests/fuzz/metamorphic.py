@@ -18,11 +18,12 @@ from typing import Any
 
 import numpy as np
 
-from simulator import History, load_scenario, simulate
+from simulator import History, load_scenario
 from tests.fuzz import grammar
 from tests.fuzz.keeping import keep
 from tests.fuzz.running import Runner
 from tests.fuzz.twins import TWINS, Twin
+from tests.pairs import run
 
 Document = dict[str, Any]
 Rng = np.random.Generator
@@ -79,7 +80,7 @@ def difference(one: History, other: History, twin: Twin) -> str | None:
 
 
 def history_of(document: Document) -> History:
-    return simulate(load_scenario(document))
+    return run(load_scenario(document))
 
 
 def examine(document: Document, rng: Rng, folder: Path, runner: Runner) -> dict[str, tuple[str, Document]]:

@@ -29,8 +29,8 @@ from simulator import (
     optimize,
     read_question,
     read_sweep,
+    run,
     run_sweep,
-    simulate,
     trace,
     trace_all,
     trace_inflation,
@@ -69,7 +69,7 @@ def folded(document: Document, key: str, to: float) -> Any:
 
 
 def with_sensitivities(document: Document) -> tuple[Any, tuple[Any, ...]]:
-    history = simulate(load_scenario(document))
+    history = run(load_scenario(document))
     return history, all_sensitivities(history)
 
 
@@ -88,7 +88,7 @@ def optimized(document: Document, vary: dict[str, Any], column: str) -> tuple[fl
 
 
 def played(document: Document, values: dict[str, float]) -> Any:
-    return simulate(load_scenario(document).with_values(values))
+    return run(load_scenario(document).with_values(values))
 
 
 # ------------------------------------------------------------------------------------ what is asked

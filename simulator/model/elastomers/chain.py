@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -53,6 +54,8 @@ class ArrudaBoyce:
     E. M. Arruda and M. C. Boyce, J. Mech. Phys. Solids 41 (1993) 389–412. The guess that the iteration starts
     from is R. Jedynak's, Rheol. Acta 54 (2015) 29–39.
     """
+
+    stays_spherical: ClassVar[bool] = True
 
     lambda_L: float
 

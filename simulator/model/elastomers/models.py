@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -26,6 +28,8 @@ class Gent:
     ----------
     A. N. Gent, Rubber Chem. Technol. 69 (1996) 59–61.
     """
+
+    stays_spherical: ClassVar[bool] = True
 
     J_lim: float
 
@@ -64,6 +68,8 @@ class NeoHookean:
     R. W. Ogden, Non-linear Elastic Deformations (1984), ch. 5.
     """
 
+    stays_spherical: ClassVar[bool] = True
+
     @property
     def stretch_limit(self) -> float:
         return float("inf")
@@ -101,6 +107,8 @@ class MooneyRivlin:
     ----------
     M. Mooney, J. Appl. Phys. 11 (1940) 582–592. R. S. Rivlin, Phil. Trans. R. Soc. A 241 (1948) 379–397.
     """
+
+    stays_spherical: ClassVar[bool] = True
 
     C1: float
     C2: float
@@ -168,6 +176,18 @@ class Ogden:
     @property
     def stretch_limit(self) -> float:
         return float("inf")
+
+    @cached_property
+    def shear_stiffness(self) -> Callable[[Number], Number] | None:
+        """½Σ mᵢαᵢλ^(αᵢ−2), the stiffness against shear in the surface; None where it cannot vanish."""
+        if all(mu * alpha > 0.0 for mu, alpha in self._terms):
+            return None
+
+        def stiffness(stretch: Number) -> Number:
+            log = _log(stretch)
+            return 0.5 * sum(mu * alpha * exponential((alpha - 2.0) * log) for mu, alpha in self._terms)
+
+        return stiffness
 
     def energy(self, stretch: Number) -> Number:
         log = _log(stretch)

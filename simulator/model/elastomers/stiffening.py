@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -152,6 +153,8 @@ class Fung:
     ----------
     Y. C. Fung, Am. J. Physiol. 213 (1967) 1532–1544; for a balloon, H. Demiray, J. Biomech. 5 (1972) 309–311.
     """
+
+    stays_spherical: ClassVar[bool] = True
 
     b: float
 

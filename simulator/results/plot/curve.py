@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from simulator.results.plot.axes import add_stretch_axis, shown_curves, shown_fold
-from simulator.results.plot.style import COLOURS, GREY, dress, mark, marker_style
+from simulator.results.plot.style import COLOURS, FAINT, GREY, THINNER, dress, mark, marker_style
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,9 +26,19 @@ if TYPE_CHECKING:
 
 STABLE: dict[str, Any] = {"linewidth": 1.8, "solid_capstyle": "round"}
 UNSTABLE: dict[str, Any] = {"linewidth": 1.0, "linestyle": (0, (4, 2))}
+# Stable but for its shape.
+NO_SPHERE: dict[str, Any] = {"linewidth": 1.8 * THINNER, "alpha": FAINT}
 
 _NEARLY = 0.95  # a path that runs off along its stretch limit is shown up to this part of it
-_MARKED = ("limit_point", "branch_point", "loss_of_tension", "out_of_range", "reached")
+_MARKED = (
+    "limit_point",
+    "branch_point",
+    "loss_of_tension",
+    "out_of_range",
+    "loss_of_sphericity",
+    "sphericity_regained",
+    "reached",
+)
 
 
 def plot_curves(curves: Sequence[Curve]) -> Figure:
@@ -71,8 +81,9 @@ def plot_fold(curve: FoldCurve) -> Figure:
     )
     ax.margins(0.08, 0.14)
     ax.set_xlabel(parameter, parse_math=False)
-    shown = f"pressure of the limit point  {labels.pressure}"
-    ax.set_ylabel(shown if inflation else f"voltage of the limit point  {labels.voltage}")
+    what = "limit point" if curve.balloon is None else f"{curve.of.replace('_', ' ')} of {curve.balloon}"
+    drive_shown = f"pressure of the {what}  {labels.pressure}"
+    ax.set_ylabel(drive_shown if inflation else f"voltage of the {what}  {labels.voltage}", parse_math=False)
     ax.set_title(fill(curve.title, 60), parse_math=False, fontsize=12, fontweight="bold")
     return figure
 
@@ -100,12 +111,14 @@ def plot_paths(curves: Sequence[Curve], ax: Axes) -> Axes:
     for i, curve in enumerate(curves):
         x, y = _shown(curve)
         seen = int(np.append(np.flatnonzero(x > 1.05 * farthest), x.size - 1)[0]) + 1
-        draw_path(x[:seen], y[:seen], curve.unstable[:seen], ax, COLOURS[i % len(COLOURS)])
+        lost = curve.lost[:seen] if curve.lost.size else None
+        draw_path(x[:seen], y[:seen], curve.unstable[:seen], ax, COLOURS[i % len(COLOURS)], lost=lost)
     for curve in curves:
         balloon = _balloon(curve)
         for point in curve.points:
             at = float(point.voltage[0]) if curve.electroded else point.pressure
-            if point.kind in _MARKED and at <= farthest:
+            is_other = point.balloon not in (None, curve.balloons[balloon])
+            if point.kind in _MARKED and at <= farthest and not is_other:
                 mark(point.kind, at, float(point.stretch[balloon]), ax)
     balloon = _balloon(curves[0])
     name = curves[0].balloons[balloon]
@@ -120,9 +133,18 @@ def plot_paths(curves: Sequence[Curve], ax: Axes) -> Axes:
 
 
 def draw_path(
-    x: FloatArray, y: FloatArray, unstable: NDArray[np.int64], ax: Axes, colour: str, **style: Any
+    x: FloatArray,
+    y: FloatArray,
+    unstable: NDArray[np.int64],
+    ax: Axes,
+    colour: str,
+    *,
+    lost: NDArray[np.bool_] | None = None,
+    **style: Any,
 ) -> list[Line2D]:
     """Draw one path, its stable parts solid and its unstable parts dashed and thinner.
+
+    What would be stable, were its balloons spheres, is solid, thin and faint.
 
     Parameters
     ----------
@@ -131,6 +153,8 @@ def draw_path(
         Number of unstable directions. A turning point belongs to the part before it.
     ax : matplotlib.axes.Axes
     colour : str
+    lost : (n,) array of bool, optional
+        Where some balloon is no sphere.
     **style
         Further keywords of the stable lines.
 
@@ -140,10 +164,13 @@ def draw_path(
         One for each part.
     """
     lines: list[Line2D] = []
-    starts = np.flatnonzero(np.diff(unstable > 0)) + 1
+    unshaped = np.zeros(x.size, dtype=bool) if lost is None else lost & (unstable == 0)
+    starts = np.flatnonzero(np.diff(unstable > 0) | np.diff(unshaped)) + 1
     for start, end in zip([0, *starts], [*starts, x.size], strict=True):
         part = slice(max(start - 1, 0), end)
-        dressed = UNSTABLE if unstable[start] else {**STABLE, **style}
+        dressed = (
+            UNSTABLE if unstable[start] else {**STABLE, **style, **(NO_SPHERE if unshaped[start] else {})}
+        )
         lines += ax.plot(x[part], y[part], color=colour, **dressed)
     return lines
 
@@ -173,9 +200,12 @@ def _legend(curves: Sequence[Curve]) -> list[Artist]:
     handles: list[Artist] = [
         Line2D([], [], color=COLOURS[i % len(COLOURS)], label=name, **STABLE) for i, name in enumerate(names)
     ]
+    if any((curve.lost & (curve.unstable == 0)).any() for curve in curves if curve.lost.size):
+        handles.append(Line2D([], [], color=GREY, label="stable for spheres only", **NO_SPHERE))
     if any((curve.unstable > 0).any() for curve in curves):
         handles.append(Line2D([], [], color=GREY, label="unstable", **UNSTABLE))
     kinds = dict.fromkeys(point.kind for curve in curves for point in curve.points if point.kind in _MARKED)
+    kinds = {kind: None for kind in _MARKED if kind in kinds}
     words = {kind: kind.replace("_", " ") for kind in kinds} | {"reached": "where it was to stop"}
     handles += [Line2D([], [], label=words[kind], **marker_style(kind)) for kind in kinds]
     return handles

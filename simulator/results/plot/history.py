@@ -17,7 +17,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from simulator.events import WORDS, EventKind, Outcome
+from simulator.events import SHAPE_EVENTS, WORDS, EventKind, Outcome
 from simulator.results.plot.axes import Labels, add_stretch_axis, shown_history
 from simulator.results.plot.lines import draw_in_time, is_crowded
 from simulator.results.plot.loops import (
@@ -33,13 +33,16 @@ from simulator.results.plot.loops import (
 from simulator.results.plot.style import (
     BLACK,
     COLOURS,
+    FAINT,
     GREY,
+    THINNER,
     arrowhead,
     dress,
     mark,
     marker_style,
 )
 from simulator.results.record import ending
+from simulator.results.shapes import lost_rows
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -149,7 +152,7 @@ def plot_pressure(history: History, ax: Axes) -> Axes:
         The same axes.
     """
     history, labels = shown_history(history)
-    draw_in_time(history, history.pressure, ax, BLACK, 1.5)
+    draw_in_time(history, history.pressure, ax, BLACK, 1.5, lost_rows(history))
     return _dress_time_axes(ax, labels, f"pressure\n{labels.pressure}")
 
 
@@ -169,11 +172,14 @@ def plot_stretches(history: History, ax: Axes) -> Axes:
         The same axes.
     """
     history, labels = shown_history(history)
+    lost = lost_rows(history)
     for i, name in enumerate(history.balloons):
-        draw_in_time(history, history.stretch[:, i], ax, _colour(history, name), _width(i))
+        draw_in_time(history, history.stretch[:, i], ax, _colour(history, name), _width(i), lost)
     if len(history.events) <= MOST_MARKED_EVENTS:
         for event in history.events:
-            mark(event.kind, event.time, event.stretch_before[_most_moved(history, event)], ax)
+            side = event.stretch_before if event.kind not in SHAPE_EVENTS else event.stretch_after
+            if side is not None:
+                mark(event.kind, event.time, side[_most_moved(history, event)], ax)
     return _dress_time_axes(ax, labels, f"{labels.extent}\n{labels.size}")
 
 
@@ -207,7 +213,10 @@ def plot_loop(history: History, ax: Axes, *, colour: str | None = None) -> Axes:
         kept = moving(x, y, history.branch, spans)
         x, y, branch = x[kept], y[kept], history.branch[kept]
         new = first_passages(x, y, branch, spans)
-        ax.plot(*polyline(x, y, new), color=colour, linewidth=1.8, solid_capstyle="round")
+        lost = lost_rows(history)[kept][:-1]
+        ax.plot(*polyline(x, y, new & ~lost), color=colour, linewidth=1.8, solid_capstyle="round")
+        if lost.any():
+            ax.plot(*polyline(x, y, new & lost), color=colour, linewidth=1.8 * THINNER, alpha=FAINT)
         for start, end in travelled(x, y, new, spans):
             arrowhead(start, end, ax, colour)
         at_once = [event.time for event in history.events if event.kind is EventKind.JUMP]
@@ -233,13 +242,17 @@ def _distinct_marks(history: History, balloon: int, spans: FloatArray) -> list[t
     """Kind and place of the events that concern the balloon shown, each place once."""
     marks: dict[tuple[EventKind, int, int], tuple[EventKind, Point]] = {}
     for event in history.events:
+        if event.kind in SHAPE_EVENTS and event.balloon != history.balloons[balloon]:
+            continue
         drive = float(event.voltage[0]) if history.electroded else event.pressure_before
-        if history.electroded and event.kind is not EventKind.JUMP:
+        if history.electroded and event.kind not in {EventKind.JUMP, *SHAPE_EVENTS}:
             # At a given charge the voltage falls in a snap; the event has it after that.
             drive = _voltage_before(history, event)
         at = (drive, float(event.stretch_before[balloon]))
         after = event.stretch_after
-        if after is not None and cell(at, spans) == cell((drive, float(after[balloon])), spans):
+        if event.kind in SHAPE_EVENTS and after is not None:
+            at = (float(event.voltage[0]) if history.electroded else drive, float(after[balloon]))
+        elif after is not None and cell(at, spans) == cell((drive, float(after[balloon])), spans):
             continue
         key = (event.kind, *cell(at, spans))
         marks.setdefault(key, (event.kind, at))
@@ -266,6 +279,9 @@ def _legend(history: History) -> list[Artist]:
     if last_of_branches(history.branch).size:
         label = "snap or jump" if EventKind.JUMP in kinds else "snap"
         handles.append(Line2D([], [], color=GREY, linewidth=1.2, linestyle="--", label=label))
+    if lost_rows(history).any():
+        faint: dict[str, Any] = {"linewidth": 1.8 * THINNER, "alpha": FAINT}
+        handles.append(Line2D([], [], color=GREY, label="no sphere follows", **faint))
     for kind, count in kinds.items():
         times = f"  ({count}×)" if count > 1 else ""
         handles.append(Line2D([], [], label=WORDS[kind] + times, **marker_style(kind)))
@@ -325,6 +341,8 @@ def _shown_balloon(history: History) -> int:
 
 
 def _most_moved(history: History, event: Event) -> int:
+    if event.balloon is not None:
+        return history.balloons.index(event.balloon)
     if event.stretch_after is None:
         return _shown_balloon(history)
     return int(np.argmax(np.abs(np.log(event.stretch_after / event.stretch_before))))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from simulator.results.plot.loops import GRID, last_of_branches, polyline, span
+from simulator.results.plot.style import FAINT, THINNER
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 
     from simulator.results.history import FloatArray, History
 
+    BoolArray = NDArray[np.bool_]
     IntArray = NDArray[np.int64]
 
 # Beyond these a picture gains ink and no information.
@@ -22,7 +24,9 @@ MOST_POINTS = 3000
 MOST_TURNS = 150
 
 
-def draw_in_time(history: History, values: FloatArray, ax: Axes, colour: str, width: float) -> None:
+def draw_in_time(
+    history: History, values: FloatArray, ax: Axes, colour: str, width: float, lost: BoolArray | None = None
+) -> None:
     """Draw a line in time, solid along a branch and dashed from one to the next; where crowded, a band.
 
     Parameters
@@ -34,6 +38,8 @@ def draw_in_time(history: History, values: FloatArray, ax: Axes, colour: str, wi
     colour : str
     width : float
         Of the solid line, in points.
+    lost : (n_samples,) array of bool, optional
+        Where the line is faint: a balloon has lost its shape.
     """
     if not values.size:
         return
@@ -50,7 +56,10 @@ def draw_in_time(history: History, values: FloatArray, ax: Axes, colour: str, wi
     time, values, branch = history.time[kept], values[kept], history.branch[kept]
     # A jump of another quantity leaves this line whole.
     joined = np.asarray((np.diff(branch) == 0) | (np.abs(np.diff(values)) < unmoved))
-    ax.plot(*polyline(time, values, joined), color=colour, linewidth=width, solid_capstyle="round")
+    faint = joined & (np.zeros_like(joined) if lost is None else lost[kept][:-1])
+    ax.plot(*polyline(time, values, joined & ~faint), color=colour, linewidth=width, solid_capstyle="round")
+    if faint.any():
+        ax.plot(*polyline(time, values, faint), color=colour, linewidth=THINNER * width, alpha=FAINT)
     ends = np.flatnonzero(~joined)
     gap = np.full(ends.size, np.nan)
     ax.plot(

@@ -18,6 +18,10 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 BLACK = "#000000"
 GREY = "#7F7F7F"
 
+# Where no sphere follows, a line is as much thinner, and fainter.
+THINNER = 0.6
+FAINT = 0.5
+
 VOLTAGE = "Φ√(ε/μ)/H"
 PRESSURE = "PR/(μH)"
 STRETCH = "λ = r/R"
@@ -30,6 +34,8 @@ MARKERS: dict[str, str] = {
     EventKind.BREAKDOWN: "D",
     EventKind.RUNAWAY: "^",
     EventKind.OUT_OF_RANGE: "v",
+    EventKind.LOSS_OF_SPHERICITY: "p",
+    EventKind.SPHERICITY_REGAINED: "h",
     "reached": "s",
 }
 MARKER_SIZES: dict[str, float] = {
@@ -60,12 +66,13 @@ def mark(kind: str, x: float, y: float, ax: Axes) -> None:
 
 def marker_style(kind: str) -> dict[str, Any]:
     """The marker of an event or a special point, as keywords of a line."""
+    hollow = kind == EventKind.SPHERICITY_REGAINED
     return {
         "marker": MARKERS[kind],
         "markersize": MARKER_SIZES.get(kind, 8.0),
-        "markerfacecolor": BLACK,
-        "markeredgecolor": "white",
-        "markeredgewidth": 0.7,
+        "markerfacecolor": "white" if hollow else BLACK,
+        "markeredgecolor": BLACK if hollow else "white",
+        "markeredgewidth": 1.1 if hollow else 0.7,
         "linestyle": "none",
     }
 

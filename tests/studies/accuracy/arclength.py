@@ -21,11 +21,11 @@ from simulator.model.equations import State
 from simulator.model.groups import Group
 from simulator.results.history import EventKind, History, Outcome
 from simulator.scenario import Output, Scenario, Solver
-from simulator.simulation.run import simulate
 from simulator.solver import flow, newton, singular
 from simulator.solver.arclength import along
 from simulator.solver.ida import Effort
 from simulator.solver.segment import Cubics, work
+from tests.pairs import run
 from tests.studies.accuracy.problem import Leg, LimitPoint, Samples, Solution, Task, WrongHistory
 
 FloatArray = NDArray[np.float64]
@@ -42,7 +42,7 @@ _NUDGE = 1e-2
 
 def simulated(task: Task, rtol: float) -> History:
     """The simulator's history at a tolerance."""
-    return simulate(_at(task.scenario, rtol))
+    return run(_at(task.scenario, rtol))
 
 
 def read_history(task: Task, history: History) -> Solution:
@@ -300,7 +300,7 @@ def _sealed(task: Task) -> tuple[Group, FloatArray]:
     """The pair's equations, and its state when the valve is closed."""
     scenario = task.scenario
     steps: Sequence[Any] = list(scenario.played_steps())[: task.inflations]
-    inflated = simulate(scenario.model_copy(update={"steps": tuple(steps), "output": Output(points=2)}))
+    inflated = run(scenario.model_copy(update={"steps": tuple(steps), "output": Output(points=2)}))
     line = VoltageLine.common(1)
     device = Device.from_scenario(scenario)
     gas = device.law.sealed(float(inflated.pressure[-1]), float(inflated.volume[-1]))

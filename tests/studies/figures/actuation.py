@@ -10,7 +10,7 @@ import numpy as np
 from simulator.analysis.trace import trace_all
 from simulator.results.plot.curve import draw_path
 from simulator.scenario import load_scenario
-from simulator.simulation.run import simulate
+from tests.pairs import run
 from tests.studies.figures import style
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def draw(scenarios: Path, panel: str) -> Figure:
         scenario = load_scenario(scenarios / f"fig{panel}_state_{letter.lower()}.toml")
         curves = trace_all(scenario)
         plot_state(letter, curves, ax, _HIGHEST[panel])
-        plot_snaps(simulate(scenario), ax)
+        plot_snaps(run(scenario), ax)
         start = (float(curves[0].stretch[0, 0]), 0.0)
         style.state(letter, start, ax, _LETTERS[letter])
         for curve in curves[1:]:

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from simulator.results.plot.history import plot_loop, plot_pressure, plot_stretches, plot_voltage
 from simulator.results.plot.style import COLOURS, VOLTAGE, dress, mark, marker_style
 from simulator.scenario import Output, load_scenario
-from simulator.simulation.run import simulate
+from tests.pairs import run
 from tests.studies.figures.style import INK, SNAP
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def draw(scenarios: Path, name: str) -> Figure:
     matplotlib.figure.Figure
     """
     scenario = load_scenario(scenarios / f"{name}.toml")
-    history = simulate(scenario.model_copy(update={"output": Output(points=_POINTS)}))
+    history = run(scenario.model_copy(update={"output": Output(points=_POINTS)}))
     figure = Figure(figsize=(7.6, 5.6), layout="constrained")
     halves = figure.add_gridspec(1, 2, width_ratios=[1.0, 1.05])
     rows = halves[0].subgridspec(3, 1, height_ratios=[1.0, 1.5, 1.0])

@@ -10,7 +10,7 @@ import numpy as np
 from simulator.analysis.trace import trace_inflation
 from simulator.results.plot.curve import draw_path
 from simulator.scenario import load_scenario
-from simulator.simulation.run import simulate
+from tests.pairs import run
 from tests.studies.figures import style
 
 if TYPE_CHECKING:
@@ -82,14 +82,14 @@ def plot_inflation(curve: Curve, ax: Axes, colour: str) -> Axes:
 
 def _inflated(scenario: Scenario, balloon: int) -> tuple[float, float]:
     """Stretch and pressure of a balloon of a scenario at the end of its inflation."""
-    history = simulate(scenario)
+    history = run(scenario)
     last = int(np.flatnonzero(history.step == 1)[-1])
     return float(history.stretch[last, balloon]), float(history.pressure[last])
 
 
 def _plot_snap(scenario: Scenario, ax: Axes) -> None:
     """The snap on the way up, at constant pressure."""
-    event = simulate(scenario).events[0]
+    event = run(scenario).events[0]
     if event.stretch_after is None:
         return
     start, end = (float(stretch[-1]) for stretch in (event.stretch_before, event.stretch_after))

@@ -11,7 +11,7 @@ from simulator.analysis.trace import trace, trace_inflation
 from simulator.model.device import Device
 from simulator.model.elastomers import tension_force
 from simulator.scenario import load_scenario
-from simulator.simulation.run import simulate
+from tests.pairs import run
 from tests.studies.figures import style
 from tests.studies.figures.actuation import plot_snaps, plot_state, snaps
 from tests.studies.figures.inflation import plot_inflation
@@ -35,7 +35,7 @@ def draw_pressures_of_active(scenarios: Path) -> Figure:
     """Fig. 4a: the membrane's pressure at several voltages, and the gas's, touching at the critical one."""
     figure, ax = style.panel()
     scenario = load_scenario(scenarios / SCENARIO)
-    event, after = snaps(simulate(scenario))[0]
+    event, after = snaps(run(scenario))[0]
     critical = float(event.voltage[0])
     for (voltage, place), colour in zip(_VOLTAGES.items(), _GREYS, strict=True):
         stretch, pressure = membrane_pressure(scenario, voltage)
@@ -70,7 +70,7 @@ def draw_voltage(scenarios: Path) -> Figure:
     """Fig. 4b: voltage over stretch of the active balloon, with the snap from O to O′."""
     figure, ax = style.panel()
     scenario = load_scenario(scenarios / SCENARIO)
-    curve, history = trace(scenario), simulate(scenario)
+    curve, history = trace(scenario), run(scenario)
     plot_state("B", (curve,), ax, 0.6)
     plot_snaps(history, ax)
     event, after = snaps(history)[0]
@@ -92,7 +92,7 @@ def draw_pressures_of_passive(scenarios: Path) -> Figure:
     """Fig. 4c: the passive balloon's pressure over its stretch, from O to O′."""
     figure, ax = style.panel()
     scenario = load_scenario(scenarios / SCENARIO)
-    history = simulate(scenario)
+    history = run(scenario)
     plot_inflation(trace_inflation(scenario, "passive", to_stretch=1.6), ax, style.INK)
     event, after = snaps(history)[0]
     start = float(event.stretch_before[1]), event.pressure_before

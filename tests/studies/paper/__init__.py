@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from tests.studies.paper import equal, formulation, inflation, snap, unequal
+from tests.studies.paper import equal, formulation, inflation, shape, snap, unequal
 from tests.studies.paper.case import VERDICTS, Case, Statement, load_cases
 
 __all__ = ["paper_page", "statements"]
@@ -82,6 +82,7 @@ def paper_page(scenarios: Path) -> str:
             *(f"![Fig. {name[3:]}](figures/{name}.svg)\n" for name in _FIGURES[title]),
         ]
         parts += ["\n" if _FIGURES[title] else "", _table(section), "\n"]
+    parts += ["## Spheres and real balloons\n\n", shape.HEAD, shape.shape_table(load_cases(scenarios)), "\n"]
     parts += ["## Misprints\n\n", _misprints(load_cases(scenarios)), "\n"]
     parts += ["## What the paper does not show\n\n", "The voltage ramped up, held and taken off again.\n\n"]
     parts += [f"![{title}](figures/{name}.svg)\n" for name, title in _HISTORIES.items()]

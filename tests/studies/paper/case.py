@@ -10,7 +10,7 @@ import numpy as np
 
 from simulator.analysis.trace import trace, trace_all
 from simulator.scenario import load_scenario
-from simulator.simulation.run import simulate
+from tests.pairs import run
 
 if TYPE_CHECKING:
     from simulator.results.curve import Curve, SpecialPoint
@@ -118,7 +118,7 @@ def load_cases(scenarios: Path) -> dict[str, Case]:
 
 def case_of(scenario: Scenario) -> Case:
     """A scenario, traced and played."""
-    return Case(scenario, trace_all(scenario), simulate(scenario))
+    return Case(scenario, trace_all(scenario), run(scenario))
 
 
 def rises(values: FloatArray) -> bool:

@@ -12,7 +12,7 @@ from simulator.analysis.trace import trace_inflation
 from simulator.model.device import Device
 from simulator.model.elastomers import Elastomer, tension_force
 from simulator.scenario import load_scenario
-from simulator.simulation.run import simulate
+from tests.pairs import run
 from tests.studies.paper.case import Case, Misprint, Statement
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ def _roots(curve: Curve, elastomer: Elastomer, at: float) -> list[float]:
 
 def _snaps(scenarios: Path) -> list[tuple[float, float, float]]:
     """Stretch before, pressure and stretch after the snaps of a whole inflation and deflation."""
-    events = simulate(load_scenario(scenarios / "fig2_inflation.toml")).events
+    events = run(load_scenario(scenarios / "fig2_inflation.toml")).events
     rests = [(event, event.stretch_after) for event in events if event.stretch_after is not None]
     snaps = [(float(e.stretch_before[0]), e.pressure_before, float(after[0])) for e, after in rests]
     return [snaps[0], snaps[-1]]

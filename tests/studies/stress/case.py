@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 from simulator.results.curve import Curve
 from simulator.scenario import load_scenario
-from simulator.simulation.run import SolverError, simulate
+from simulator.simulation.run import SolverError
+from tests.pairs import run
 
 if TYPE_CHECKING:
     from simulator.results.history import History
@@ -60,7 +61,7 @@ class Case:
         What must come out: an outcome of `simulator.results.history.Outcome`, for a path the kind of its end; or
         `FAILS`, for a case known to stop with a `SolverError`, and nothing else.
     play : function
-        `simulate`, or another function of a scenario.
+        Default the history of spheres; or another function of a scenario.
     tables : mapping
         CSV files that the scenario's `table` steps name, as functions that produce their text.
     """
@@ -70,7 +71,7 @@ class Case:
     scenario: Mapping[str, Any]
     check: Callable[[Any], Finding]
     outcome: str = "completed"
-    play: Callable[[Scenario], History | Curve] = simulate
+    play: Callable[[Scenario], History | Curve] = run
     tables: Mapping[str, Callable[[], str]] = field(default_factory=dict)
 
     def load(self) -> Scenario:

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from simulator.model.elastomers import as_written
 from simulator.results.history import Outcome
 from simulator.scenario import Inflate, load_scenario
-from simulator.simulation.run import simulate
 from tests.oracle.closed_form import Balloon
+from tests.pairs import run
 from tests.studies.stress.case import Finding
 from tests.studies.stress.closed_form import relative
 
@@ -139,7 +139,7 @@ def mirrored(history: History, bound: float = 1e-8) -> Finding:
 def _reversed(history: History, stretch: FloatArray, order: int, bound: float) -> Finding:
     found = invariants(history, bound)
     written = history.scenario.to_dict()
-    other = simulate(load_scenario({**written, "balloon": written["balloon"][::-1]}))
+    other = run(load_scenario({**written, "balloon": written["balloon"][::-1]}))
     if [e.kind for e in other.events] != [e.kind for e in history.events] or len(other) != len(history):
         return Finding(math.inf, bound, found.against, "other events when the balloons are reversed")
     errors = [

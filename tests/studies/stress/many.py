@@ -11,7 +11,7 @@ from scipy import optimize
 
 from simulator.model.elastomers import Gent, Number
 from simulator.scenario import load_scenario
-from simulator.simulation.run import simulate
+from tests.pairs import run
 from tests.studies.stress.case import Case, Finding
 from tests.studies.stress.closed_form import closed_form, closed_form_thick, relative
 from tests.studies.stress.devices import Written, device, pair, ramps
@@ -152,7 +152,7 @@ def _koiter(history: History) -> Finding:
     """The limit point lies below the branch point by a distance that goes as the imperfection to the 2/3."""
     voltage = _symmetric_branch_point(0.6, 0.05)[2]
     written = history.scenario.to_dict()
-    larger = simulate(load_scenario({**written, "balloon": _with_electrodes(written, 1.0 + 8e-9)}))
+    larger = run(load_scenario({**written, "balloon": _with_electrodes(written, 1.0 + 8e-9)}))
     gaps = [voltage - h.events[0].voltage[0] for h in (history, larger)]
     if gaps[0] <= 0.0 or history.events[0].kind != "limit_point":
         return Finding(np.inf, 0.0, "Koiter's law", "no limit point before the branch point")

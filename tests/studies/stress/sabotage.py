@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 
 from simulator.scenario import load_scenario
 from simulator.simulation import atlas
-from simulator.simulation.run import SolverError, simulate
+from simulator.simulation.run import SolverError
 from simulator.solver import branch, certify, flow, landing, newton, proposals, singular
 from simulator.solver.certify import Proposal
 from simulator.solver.newton import NotConverged
+from tests.pairs import run
 from tests.studies.stress.closed_form import relative
 
 if TYPE_CHECKING:
@@ -88,7 +89,7 @@ class Tally:
 
 def tallies(scenarios: Sequence[Written], disturbances: Iterable[Disturbance]) -> list[Tally]:
     """Run scenarios undisturbed, then under each disturbance, and compare."""
-    undisturbed = [simulate(load_scenario(written)) for written in scenarios]
+    undisturbed = [run(load_scenario(written)) for written in scenarios]
     found = []
     for disturbance in disturbances:
         tally = Tally(disturbance)
@@ -106,7 +107,7 @@ def _add(tally: Tally, written: Written, before: History, number: int) -> None:
     strikes = Strikes(np.random.default_rng(number))
     try:
         with disturbance.during(strikes):
-            after = simulate(load_scenario(loosened))
+            after = run(load_scenario(loosened))
     except SolverError:
         tally.raised += 1
         return
