@@ -527,10 +527,30 @@ class _Player:
             kinds.append(end.kind)
             if rest.kind is None:
                 branches[hit.group] = branch or self._branch(eq, rest.y)
+        # Balloons that are alike do all of it alike, but for a film that breaks.
+        if len(rests) > 1 and any(rest.kind for *_, rest in rests):
+            rests = self._together(leg, rests)
         if len(rests) > 1 and any(rest.kind for *_, rest in rests):
             self.undecided("several balloons snap at once and one of them ends the history")
         self._land(kinds[0], before, rests)
         return kinds[0] == "limit_point"
+
+    def _together(
+        self, leg: Leg, rests: list[tuple[Equations, FloatArray, Rest]]
+    ) -> list[tuple[Equations, FloatArray, Rest]]:
+        """The common flow of balloons that snap at one instant, where they are alike and begin it alike."""
+        first, y = rests[0][:2]
+        members = [eq.members[0] for eq, *_ in rests]
+        way = self._still() if first.pressure is None else leg.way
+        eq = Equations(self.device, tuple(members), way, self.charged, None, float(first.pressure_of(y.tolist())))
+        at = float(y[-1])
+        if len(eq.twins(at)) > 1 or any(abs(other[0] - y[0]) > 1e-12 * y[0] for _, other, _ in rests):
+            return rests
+        side = 1.0 if rests[0][2].y[0] > y[0] else -1.0
+        start = flow.beside(first, y, np.array([side]))
+        before = np.array([*[y[0]] * len(members), at])
+        rest = flow.relax(eq, at, np.repeat(start, len(members)), before, off=10.0 * flow.OFF)
+        return [(eq, before, rest)]
 
     # -- record ----------------------------------------------------------------------------------------
 

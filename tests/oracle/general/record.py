@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,6 +154,10 @@ class Reference:
     samples: None = None
     sample_times: None = None
     sample_steps: None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the branches, which stay in their process: `at` and `energy` are lost on the way to another."""
+        return {**self.__dict__, "segments": (), "stays": ()}
 
     @property
     def dissipated(self) -> float:
