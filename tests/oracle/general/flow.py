@@ -1,9 +1,9 @@
 """The overdamped flow dλ/dt = −g at a frozen drive, by two integrators of SciPy that must agree.
 
-The gas law holds throughout: of a gas the pressure is a formula of the stretches, of a liquid it follows from a
-volume that stays. A flow ends where it comes to rest (Newton's method close by, a positive definite Hessian), or
-where a margin vanishes. A passage so close to an unstable equilibrium, or to an event, that rounding might send
-it the other way is a doubt.
+The gas law holds throughout: of a gas the pressure is a formula of the stretches, of a liquid it follows
+from a volume that stays. A flow ends where it comes to rest (Newton's method close by, a positive definite
+Hessian), or where a margin vanishes. A passage so close to an unstable equilibrium, or to an event, that
+rounding might send it the other way is a doubt.
 """
 
 from __future__ import annotations
@@ -139,8 +139,8 @@ def relax(eq: Equations, v: float, start: FloatArray, before: FloatArray, *, off
     lost = top - eq.potential(first.y.tolist()) if first.kind != "runaway" else math.inf
     if first.kind is None and not eq.stability(first.y.tolist()) > 0.0:
         # Balloons that are alike rest where only that keeps them: there they part, the first one growing.
-        apart = parted(eq, first.y)
-        return replace(apart, lost=lost + apart.lost, doubt=doubt or apart.doubt)
+        onward = parted(eq, first.y)
+        return replace(onward, lost=lost + onward.lost, doubt=doubt or onward.doubt)
     if lost < -1e-9 * (1.0 + abs(top)):
         raise FlowError(f"the potential rises by {-lost:.3g} in a flow")
     return replace(first, lost=lost, doubt=doubt)
@@ -161,7 +161,9 @@ def _by_two_methods(motion: Motion, start: FloatArray, other: FloatArray, off: f
             return found[0], found[1]
     if not found:
         raise failure or FlowError("no end")
-    return found[0], replace(found[0], doubt=found[0].doubt or f"one integrator alone comes to an end: {failure}")
+    return found[0], replace(
+        found[0], doubt=found[0].doubt or f"one integrator alone comes to an end: {failure}"
+    )
 
 
 def _classes(eq: Equations, v: float, start: FloatArray) -> tuple[tuple[int, ...], ...]:
@@ -224,7 +226,7 @@ def _followed(motion: Motion, start: FloatArray, method: Any, rtol: float, off: 
             record.pieces.append(dense)
         record.speeds.append(_size(motion.rates(solver.y.tolist())))
         record.distances.append(float(np.max(np.abs(solver.y / start - 1.0))))
-        if names and np.any(record.margins[-1] < 0.0) or any(np.any(m < 0.0) for m in record.margins[-3:-1]):
+        if any(np.any(m < 0.0) for m in record.margins[-3:]):
             return _ended(motion, names, record, margins, off)
         landed = _landing(motion, solver.y, record.speeds[-1])
         if landed is not None:
@@ -304,7 +306,9 @@ def _ended(
             if record.margins[i][place] <= 0.0:
                 found.append((low, place, i))
             else:
-                t = brentq(lambda t, i=i, p=place: margins(_at(record, i, t))[p], low, high, xtol=1e-300, rtol=1e-14)
+                t = brentq(
+                    lambda t, i=i, p=place: margins(_at(record, i, t))[p], low, high, xtol=1e-300, rtol=1e-14
+                )
                 found.append((float(t), place, i))
             break
     found.sort()
@@ -322,7 +326,7 @@ def _ended(
 def _dip(
     names: Sequence[tuple[str, int]], record: _Record, margins: Callable[[FloatArray], FloatArray]
 ) -> tuple[str, float, int, float] | None:
-    """The lowest margin on the way between samples: kind, value, where, when; None where none came near zero."""
+    """The lowest margin between samples: kind, value, where, when; None where none came near zero."""
     lowest: tuple[str, float, int, float] | None = None
     for place, name in enumerate(names):
         column = [float(m[place]) for m in record.margins]
@@ -381,7 +385,9 @@ def release(eq: Equations, y: FloatArray) -> Rest:
     doubt = "several directions are unstable" if growth.size > 1 and growth[1] > 0.0 else None
     if growth[0] < 1e-7:
         doubt = "a state is only just unstable"
-    ways = [relax(eq, float(y[-1]), beside(eq, y, side * directions[:, 0]), y, off=10.0 * OFF) for side in SIDES]
+    ways = [
+        relax(eq, float(y[-1]), beside(eq, y, side * directions[:, 0]), y, off=10.0 * OFF) for side in SIDES
+    ]
     best, other = sorted(ways, key=lambda rest: -rest.lost)
     if not math.isinf(best.lost) and best.lost - other.lost < 1e-6 * (1.0 + abs(best.lost)):
         doubt = doubt or "both ways from an unstable state lower the potential equally"

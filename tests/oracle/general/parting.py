@@ -1,7 +1,8 @@
 """How a history goes on from a branch point: balloons under equal loads part.
 
-Of the ways that are equal by symmetry, the one on which the first balloon concerned grows. If one of the branches
-goes on in the sense of the drive, the state goes over to it gradually; else it is carried away by the flow.
+Of the ways that are equal by symmetry, the one on which the first balloon concerned grows. If one of the
+branches goes on in the sense of the drive, the state goes over to it gradually; else it is carried away by
+the flow.
 """
 
 from __future__ import annotations
@@ -47,7 +48,9 @@ def past_branch_point(eq: Equations, end: End, sense: float) -> tuple[Rest, Bran
 def _ahead(eq: Equations, y: FloatArray, mode: FloatArray, sense: float) -> Branch | None:
     """The branch that goes straight on without parting, if it is stable there."""
     scales = eq.scales(y)
-    matrix = np.vstack([eq.jacobian(y.tolist()) * scales, [*(mode * scales[: eq.size]), *[0.0] * (y.size - eq.size)]])
+    matrix = np.vstack(
+        [eq.jacobian(y.tolist()) * scales, [*(mode * scales[: eq.size]), *[0.0] * (y.size - eq.size)]]
+    )
     matrix = np.vstack([matrix, [0.0] * (y.size - 1) + [1.0]])
     rhs = np.zeros(len(matrix))
     rhs[-1] = sense

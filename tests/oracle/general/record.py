@@ -50,7 +50,8 @@ class State:
 class ReferenceEvent:
     """One event with both of its sides; `after` and `dissipated` are None where the history ends.
 
-    `voltage` is that after the event, `balloon` the one whose film broke, whose curve ended, or that ran away.
+    `voltage` is that after the event, `balloon` the one whose film broke, whose curve ended, or that ran
+    away.
     """
 
     kind: str
@@ -156,7 +157,7 @@ class Reference:
     sample_steps: None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the branches, which stay in their process: `at` and `energy` are lost on the way to another."""
+        """Without the branches, which stay in their process: `at` and `energy` do not go to another."""
         return {**self.__dict__, "segments": (), "stays": ()}
 
     @property

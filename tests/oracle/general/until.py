@@ -95,7 +95,11 @@ class Watched:
         for i in range(len(shares) - 1):
             if values[i + 1] <= AT:
                 return self._polished(eq, piece, margin, ahead, shares[i], shares[i + 1])
-            if i and values[i - 1] > values[i] <= values[i + 1] and values[i] < 0.5 * (values[i - 1] + values[i + 1]):
+            if (
+                i
+                and values[i - 1] > values[i] <= values[i + 1]
+                and values[i] < 0.5 * (values[i - 1] + values[i + 1])
+            ):
                 low = minimize_scalar(
                     ahead, bounds=(shares[i - 1], shares[i + 1]), method="bounded", options={"xatol": 1e-10}
                 )
