@@ -1,7 +1,7 @@
 """Histories a second in lockstep: `python -m pytest tests/benchmarks/test_lockstep.py --benchmark-only -s`.
 
-The unit is a history of the paper's map: inflated, driven 0.1 % past its limit point and back. Medians, in one
-process, and of one session only.
+The unit is a history of the paper's map: inflated, driven 0.1 % past its limit point and back. Medians, in
+one process.
 """
 
 from __future__ import annotations

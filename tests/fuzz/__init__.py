@@ -29,7 +29,8 @@ reference of a turn just before the event, or at it, or just beyond it. Where it
 to there. Such scenarios are counted as undecided.
 
 Pressures are 0 or at least `LEAST_PRESSURE`. At a lower one the stretch is 1 + p/12 and has few digits left:
-what happens then is a matter of rounding (an inflation to 1e-16 cannot be told from none).
+what happens then is a matter of rounding (an inflation to 1e-16 cannot be told from none). Likewise voltages:
+a jump by less than the rounding of the largest voltage so far is none.
 """
 
 from __future__ import annotations

@@ -13,6 +13,7 @@ from simulator import load_scenario
 from tests.oracle.closed_form import SealedPair, equilibrium_curve
 
 LEAST_PRESSURE = 1e-4
+LEAST_VOLTAGE = 1e-10  # of the pair's unit
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ def scenario(dice: Dice) -> dict[str, Any]:
     def step(leg: float) -> dict[str, Any]:
         return {"ramp": leg, "over": dice.number(0.1, 10.0)} if dice.whole(0, 5) else {"jump": leg}
 
-    legs = [0.0 if dice.whole(0, 5) == 0 else leg for leg in legs]
+    legs = [0.0 if dice.whole(0, 5) == 0 or abs(leg) < LEAST_VOLTAGE * unit else leg for leg in legs]
     written = {
         "title": "fuzz",
         "gas": {"ambient_pressure": ambient},

@@ -1,8 +1,8 @@
 """Branches of stable equilibria, followed in small certified steps of arclength.
 
-A step is taken only if Newton's method lands near the tangent, the path turns little, and the determinant of the
-bordered Jacobian keeps its sign; otherwise it is halved. So a step neither cuts a corner nor changes branches.
-Within a step every margin is looked at in between; a dip is followed to its bottom.
+A step is taken only if Newton's method lands near the tangent, the path turns little, and the determinant
+of the bordered Jacobian keeps its sign; otherwise it is halved. So a step neither cuts a corner nor changes
+branches. Within a step every margin is looked at in between; a dip is followed to its bottom.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -196,9 +197,7 @@ class Side:
                 continue
             for i in range(4):
                 if column[i] >= 0.0 > column[i + 1]:
-                    found.append(
-                        (_root(lambda s: self._value(piece, name, s), shares[i], shares[i + 1]), name)
-                    )
+                    found.append((_root(partial(self._value, piece, name), shares[i], shares[i + 1]), name))
                     break
             else:
                 if column[0] < 0.0:
@@ -245,9 +244,10 @@ class Side:
                 left, middle, right = column[i - 1 : i + 2]
                 if not (left > middle <= right and 0.0 <= middle < 0.5 * (left + right)):
                     continue
+                # What lies beyond an event is none of this branch, and the event's own zero is no dip.
                 if event is not None and pieces[i][0] is piece:
-                    # What lies beyond an event is none of this branch, and the event's own zero is no dip.
-                    if pieces[i][1] >= event[0] or (name == event[1] and pieces[i][2] >= event[0]):
+                    reach = pieces[i][2] if name == event[1] else pieces[i][1]
+                    if reach >= event[0]:
                         continue
                 self._dip(name, pieces[i - 1 : i + 1])
 
@@ -292,9 +292,10 @@ class Side:
         return End(kind, balloon, y, mode, doubt)
 
     def _symmetric(self, guess: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """The singular state near `guess` in which balloons that are alike are stretched alike, if there is one.
+        """The singular state near `guess` in which balloons that are alike are stretched alike, if any.
 
-        At a branch point all equations for a singular state are singular themselves; not so among symmetric ones.
+        At a branch point all equations for a singular state are singular themselves; not so among symmetric
+        ones.
         """
         even = self.eq.evened(guess)
         scales = self.eq.scales(guess)

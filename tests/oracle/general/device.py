@@ -127,7 +127,7 @@ class Device:
     def charge(self, stretch: ArrayLike, voltage: ArrayLike) -> FloatArray:
         """Charges of the films."""
         x = np.asarray(stretch, dtype=float)[list(self.electroded)]
-        return np.asarray(voltage, dtype=float) * self.capacitance() * x**4
+        return np.asarray(np.asarray(voltage, dtype=float) * self.capacitance() * x**4)
 
     def capacitance(self) -> FloatArray:
         """Capacitances of the unstretched films, r²e/h."""
@@ -137,7 +137,8 @@ class Device:
     def field(self, stretch: ArrayLike, voltage: ArrayLike) -> FloatArray:
         """True fields φλ²/h."""
         x = np.asarray(stretch, dtype=float)[list(self.electroded)]
-        return np.asarray(voltage, dtype=float) * x**2 / [self.balloons[i].thickness for i in self.electroded]
+        thickness = np.array([self.balloons[i].thickness for i in self.electroded])
+        return np.asarray(np.asarray(voltage, dtype=float) * x**2 / thickness)
 
     def residual(self, stretch: ArrayLike, pressure: float, voltage: ArrayLike) -> FloatArray:
         """Forces gᵢ, (n,)."""
@@ -208,7 +209,7 @@ class Device:
         return out
 
     def sphericity(self, stretch: ArrayLike, voltage: ArrayLike) -> FloatArray:
-        """k(f′ − f/λ) − 4(e/h²)φ²λ² of each balloon, (n,): where it is not positive a sphere turns into a pear."""
+        """k(f′ − f/λ) − 4(e/h²)φ²λ² of each balloon, (n,): a sphere stays one where it is positive."""
         x, phi = np.asarray(stretch, dtype=float).tolist(), self.film_voltage(voltage).tolist()
         return np.array(
             [

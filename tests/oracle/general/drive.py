@@ -1,7 +1,7 @@
 """The drive of a step: legs along which a coordinate v moves one way, and what is given at each v.
 
-On a `Line` all that is given (voltages, or charges) is linear in v, on `Sines` v is the time in periods. Equal
-ways compare equal, so that what is known of one leg is found again in the next.
+On a `Line` all that is given (voltages, or charges) is linear in v, on `Sines` v is the time in periods.
+Equal ways compare equal, so that what is known of one leg is found again in the next.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 from tests.oracle.general.scenario import Step
@@ -222,7 +223,7 @@ def _sine(count: int, mean: float, amplitude: float, cycles: float) -> list[Leg]
     wave = mean, amplitude, cycles
     return [
         Leg(line, v0, v1, t0, t1, (v0,) * count, (v1,) * count, wave)
-        for (t0, v0), (t1, v1) in zip(corners[:-1], corners[1:], strict=True)
+        for (t0, v0), (t1, v1) in pairwise(corners)
     ]
 
 

@@ -1,8 +1,8 @@
 """Strain energies of the elastomers, written from the table in docs/physics.md.
 
-A `Law` is three functions of the stretch (a float, or a complex number with a tiny imaginary part): the energy
-ŵ over the shear modulus, f = ŵ′ and f′. Values outside a law's range are NaN, which every solver here takes for
-"not this way".
+A `Law` is three functions of the stretch (a float, or a complex number with a tiny imaginary part): the
+energy ŵ over the shear modulus, f = ŵ′ and f′. Values outside a law's range are NaN, which every solver
+here takes for "not this way".
 """
 
 from __future__ import annotations

@@ -22,8 +22,9 @@ POINTS = 8  # intervals of the Chebyshev points on a piece of path
 class Energy:
     """Energies of a history, in units of 4πR²Hμ.
 
-    `electrical_work` is ∫Σφ dq, `gas_work` ∫p dV of the supply while the valve is open, `stored` the change of
-    Π + Σφq (+ pV, valve open), `dissipated` what jumps and snaps lost, `exchanged` ∫|φ dq| + ∫|p dV| along branches.
+    `electrical_work` is ∫Σφ dq, `gas_work` ∫p dV of the supply while the valve is open, `stored` the change
+    of Π + Σφq (+ pV, valve open), `dissipated` what jumps and snaps lost, `exchanged` ∫|φ dq| + ∫|p dV|
+    along branches.
     """
 
     electrical_work: float = 0.0

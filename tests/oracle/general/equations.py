@@ -1,8 +1,8 @@
 """A set of balloons that move together, as equations of their stretches, their pressure and the drive.
 
-The unknowns are y = (stretches…, pressure if the valve is closed, v). With the valve closed all balloons are in
-one set; with it open each is a set of its own on a branch, while a flow may have several in one. While a pressure
-is ramped, v is that pressure.
+The unknowns are y = (stretches…, pressure if the valve is closed, v). With the valve closed all balloons
+are in one set; with it open each is a set of its own on a branch, while a flow may have several in one.
+While a pressure is ramped, v is that pressure.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.oracle.general.device import Contents, Device, force, force_slope, strength
-from tests.oracle.general.drive import Way
+from tests.oracle.general.drive import Sines, Way
 from tests.oracle.general.scenario import Balloon
 
 FloatArray = NDArray[np.float64]
@@ -255,16 +255,18 @@ class Equations:
     def twins(self, v: float) -> list[list[int]]:
         """Places of balloons that are alike and under the same load at v, together."""
         found: dict[Any, list[int]] = {}
-        for i, b in enumerate(self.walls):
-            found.setdefault((b.mechanics, abs(self.given(v)[i][0])), []).append(i)
+        for i, (b, (value, _)) in enumerate(zip(self.walls, self.given(v), strict=True)):
+            load = value * value / b.permittivity if self.charged else value * value * b.permittivity
+            found.setdefault((b.mechanics, load), []).append(i)
         return list(found.values())
 
     @cached_property
     def classes(self) -> list[list[int]]:
-        """Places of balloons that are alike and under the same load at any v, together; without single ones."""
+        """Places of balloons that are alike and under the same load at any v; without single ones."""
         found: dict[Any, list[int]] = {}
         for i, (b, place) in enumerate(zip(self.walls, self.places, strict=True)):
-            load = None if place is None else self.way.part(place)
+            part = () if place is None else self.way.part(place)
+            load = (b.permittivity, part) if any(part) else None
             found.setdefault((b.mechanics, load), []).append(i)
         return [places for places in found.values() if len(places) > 1]
 
@@ -281,16 +283,16 @@ class Equations:
             out[places] = np.mean(y[places])
         return out
 
-    def scales(self, y: Sequence[float]) -> FloatArray:
+    def scales(self, y: FloatArray) -> FloatArray:
         """Changes of the unknowns that count as one: steps are small fractions of these."""
-        out = [abs(x) for x in y[: self.size]]
+        out: list[float] = np.abs(y[: self.size]).tolist()
         unit = max(b.modulus * b.thickness / b.radius for b in self.walls)
         if self.closed:
             out.append(max(abs(y[-2]), 0.2 * unit))
         if not self.closed and self.pressure is None:
             out.append(max(abs(y[-1]), 0.2 * unit))
         else:
-            out.append(self._drive_scale(y))
+            out.append(self._drive_scale(y.tolist()))
         return np.array(out)
 
     def _drive_scale(self, y: Sequence[float]) -> float:
@@ -304,12 +306,11 @@ class Equations:
             unit = 0.3 * b.thickness * math.sqrt(b.modulus / b.permittivity)
             if self.charged:
                 unit *= c * x**2
-            rate = getattr(self.way, "rate", None)
-            if rate is None:
-                sizes.append(
-                    max(unit, 0.3 * abs(value)) / (2.0 * math.pi * abs(self.way.amplitude[place]) + 1e-9)
-                )
-            elif rate[place]:
-                sizes.append(max(unit, 0.3 * abs(value)) / abs(rate[place]))
+            if isinstance(self.way, Sines):
+                rate = 2.0 * math.pi * self.way.amplitude[place]
+            else:
+                rate = self.way.rate[place]
+            if rate:
+                sizes.append(max(unit, 0.3 * abs(value)) / abs(rate))
         size = min(sizes, default=1.0)
-        return size if hasattr(self.way, "rate") else min(size, 0.2)
+        return min(size, 0.2) if isinstance(self.way, Sines) else size

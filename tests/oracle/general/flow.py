@@ -1,9 +1,9 @@
 """The overdamped flow dλ/dt = −g at a frozen drive, by two integrators of SciPy that must agree.
 
-The gas law holds throughout: of a gas the pressure is a formula of the stretches, of a liquid it follows from a
-volume that stays. A flow ends where it comes to rest (Newton's method close by, a positive definite Hessian), or
-where a margin vanishes. A passage so close to an unstable equilibrium, or to an event, that rounding might send
-it the other way is a doubt.
+The gas law holds throughout: of a gas the pressure is a formula of the stretches, of a liquid it follows
+from a volume that stays. A flow ends where it comes to rest (Newton's method close by, a positive definite
+Hessian), or where a margin vanishes. A passage so close to an unstable equilibrium, or to an event, that
+rounding might send it the other way is a doubt.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import LSODA, Radau
+from scipy.integrate import BDF, LSODA, Radau
 from scipy.optimize import brentq, minimize_scalar
 
 from tests.oracle.general import points
@@ -28,6 +28,7 @@ SAME = 1e-7  # what two integrators may differ by
 SLOW = 1e-7  # a speed on the way that tells of an equilibrium passed closely
 CLOSE = 1e-8  # a margin on the way that tells of an event passed closely
 OFF = 1e-4  # relative distance at which a flow begins beside an equilibrium
+MOST_STEPS = 4000
 SIDES = (1.0, -1.0)
 
 
@@ -125,8 +126,9 @@ def relax(eq: Equations, v: float, start: FloatArray, before: FloatArray, *, off
     start = Motion(eq, v).projected(start)
     motion = Motion(eq, v, _classes(eq, v, start))
     top = eq.potential(before.tolist())
-    first = _followed(motion, start, LSODA, 1e-10, off)
-    second = _followed(motion, start, Radau, 1e-8 if first.kind is None else 1e-9, off)
+    # Off an equilibrium the second begins further away: where it ends should not depend on that.
+    other = Motion(eq, v).projected(before[: eq.size] + 2.0 * (start - before[: eq.size])) if off else start
+    first, second = _by_two_methods(motion, start, other, off)
     doubt = first.doubt or second.doubt
     if (first.kind, first.balloon) != (second.kind, second.balloon):
         doubt = f"two integrators end in {first.kind} and {second.kind}"
@@ -137,11 +139,31 @@ def relax(eq: Equations, v: float, start: FloatArray, before: FloatArray, *, off
     lost = top - eq.potential(first.y.tolist()) if first.kind != "runaway" else math.inf
     if first.kind is None and not eq.stability(first.y.tolist()) > 0.0:
         # Balloons that are alike rest where only that keeps them: there they part, the first one growing.
-        apart = parted(eq, first.y)
-        return replace(apart, lost=lost + apart.lost, doubt=doubt or apart.doubt)
+        onward = parted(eq, first.y)
+        return replace(onward, lost=lost + onward.lost, doubt=doubt or onward.doubt)
     if lost < -1e-9 * (1.0 + abs(top)):
         raise FlowError(f"the potential rises by {-lost:.3g} in a flow")
     return replace(first, lost=lost, doubt=doubt)
+
+
+def _by_two_methods(motion: Motion, start: FloatArray, other: FloatArray, off: float) -> tuple[Rest, Rest]:
+    """Ends of a flow by the first two integrators that come to one; each is at a loss with some flow."""
+    found: list[Rest] = []
+    failure: FlowError | None = None
+    for method in (LSODA, Radau, BDF):
+        coarse = found and found[0].kind is None and method is Radau
+        try:
+            x = other if found else start
+            found.append(_followed(motion, x, method, 1e-8 if coarse else 1e-9 if found else 1e-10, off))
+        except FlowError as error:
+            failure = error
+        if len(found) == 2:
+            return found[0], found[1]
+    if not found:
+        raise failure or FlowError("no end")
+    return found[0], replace(
+        found[0], doubt=found[0].doubt or f"one integrator alone comes to an end: {failure}"
+    )
 
 
 def _classes(eq: Equations, v: float, start: FloatArray) -> tuple[tuple[int, ...], ...]:
@@ -185,11 +207,14 @@ def _followed(motion: Motion, start: FloatArray, method: Any, rtol: float, off: 
         rtol=rtol,
         atol=1e-2 * rtol,
         jac=lambda _, x: motion.slopes(x),
-        first_step=1e-6,
+        first_step=1e-6 / (1.0 + _size(motion.rates(start.tolist()))),
     )
     record = _Record([0.0], [margins(start)], [_size(motion.rates(start.tolist()))], [0.0], [])
-    for _ in range(100000):
-        message = solver.step()
+    for _ in range(MOST_STEPS):
+        try:
+            message = solver.step()
+        except ValueError as error:  # beyond the stretch limit nothing is a number
+            raise FlowError(f"a flow could not be integrated: {error}") from None
         if solver.status != "running" or not np.all(np.isfinite(solver.y)):
             raise FlowError(f"a flow could not be integrated: {message}")
         dense = solver.dense_output()
@@ -201,9 +226,7 @@ def _followed(motion: Motion, start: FloatArray, method: Any, rtol: float, off: 
             record.pieces.append(dense)
         record.speeds.append(_size(motion.rates(solver.y.tolist())))
         record.distances.append(float(np.max(np.abs(solver.y / start - 1.0))))
-        if (names and np.any(record.margins[-1] < 0.0)) or any(
-            np.any(m < 0.0) for m in record.margins[-3:-1]
-        ):
+        if any(np.any(m < 0.0) for m in record.margins[-3:]):
             return _ended(motion, names, record, margins, off)
         landed = _landing(motion, solver.y, record.speeds[-1])
         if landed is not None:
@@ -214,7 +237,7 @@ def _followed(motion: Motion, start: FloatArray, method: Any, rtol: float, off: 
             if dip is not None and dip[1] < CLOSE:
                 doubt = f"{dip[0]} only just avoided in a flow, {dip[1]:.2g}"
             return Rest(None, -1, landed, 0.0, doubt)
-    raise FlowError("a flow without end")
+    raise FlowError(f"a flow has no end within {MOST_STEPS} steps")
 
 
 def _size(rates: FloatArray) -> float:
@@ -293,7 +316,7 @@ def _ended(
     kind, balloon = names[place]
     x = _at(record, i, t)
     doubt = _doubt_of(record, off)
-    if len(found) > 1 and kind != found[1][1]:
+    if len(found) > 1 and kind != names[found[1][1]][0]:
         gap = float(np.max(np.abs(_at(record, *found[1][2:], found[1][0]) - x)))
         doubt = doubt or (f"two events of a flow coincide, {gap:.2g} apart" if gap < CLOSE else None)
     whole = motion.projected(np.array(motion.whole(x.tolist())))
@@ -303,7 +326,7 @@ def _ended(
 def _dip(
     names: Sequence[tuple[str, int]], record: _Record, margins: Callable[[FloatArray], FloatArray]
 ) -> tuple[str, float, int, float] | None:
-    """The lowest margin on the way between samples: kind, value, where, when; None where none came near zero."""
+    """The lowest margin between samples: kind, value, where, when; None where none came near zero."""
     lowest: tuple[str, float, int, float] | None = None
     for place, name in enumerate(names):
         column = [float(m[place]) for m in record.margins]
@@ -341,7 +364,8 @@ def beside(eq: Equations, y: FloatArray, direction: FloatArray, size: float = OF
     names = eq.margin_names()[1:]
     here = np.array([eq.margin(name, y.tolist()) for name in names])
     while size > 1e-9:
-        x = motion.projected(y[: eq.size] * (1.0 + size * direction / np.abs(y[: eq.size])))
+        change = direction / np.max(np.abs(direction) / y[: eq.size])
+        x = motion.projected(y[: eq.size] + size * change)
         there = motion.state(x.tolist())
         if all(eq.margin(name, there) > 0.5 * m for name, m in zip(names, here, strict=True)):
             break

@@ -1,7 +1,8 @@
 """How a history goes on from a branch point: balloons under equal loads part.
 
-Of the ways that are equal by symmetry, the one on which the first balloon concerned grows. If one of the branches
-goes on in the sense of the drive, the state goes over to it gradually; else it is carried away by the flow.
+Of the ways that are equal by symmetry, the one on which the first balloon concerned grows. If one of the
+branches goes on in the sense of the drive, the state goes over to it gradually; else it is carried away by
+the flow.
 """
 
 from __future__ import annotations

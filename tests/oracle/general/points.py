@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -51,7 +52,7 @@ def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
     if not np.all(np.isfinite(matrix)):
         return None
     try:
-        return np.linalg.solve(matrix, right)
+        return np.asarray(np.linalg.solve(matrix, right))
     except np.linalg.LinAlgError:
         return np.asarray(np.linalg.lstsq(matrix, right, rcond=1e-12)[0])
 
@@ -69,7 +70,7 @@ def at_drive(eq: Equations, guess: FloatArray, v: float) -> FloatArray | None:
 
 
 def tangent(eq: Equations, y: FloatArray, like: FloatArray) -> tuple[FloatArray, float]:
-    """Unit tangent of the path (in units of `eq.scales`) along `like`, and the sign of its bordered determinant."""
+    """Unit tangent of the path (in `eq.scales`) along `like`, and the sign of its bordered determinant."""
     scales = eq.scales(y)
     jacobian = eq.jacobian(y.tolist()) * scales
     row = like / scales
@@ -113,7 +114,7 @@ def where(eq: Equations, guess: FloatArray, margin: Callable[[Sequence[Any]], An
         full = np.append(eq.residual(y.tolist()), margin(y.tolist()))
         matrix = np.vstack([eq.jacobian(y.tolist()), complex_steps(y, margin)])
         step = np.linalg.lstsq(matrix * scales, -full, rcond=1e-15)[0] * scales
-        y = y + step
+        y = np.asarray(y + step)
         size = float(np.max(np.abs(step) / scales))
         if not size < 0.1:
             return None
@@ -123,11 +124,16 @@ def where(eq: Equations, guess: FloatArray, margin: Callable[[Sequence[Any]], An
     return None
 
 
+def _volume_change(eq: Equations, w: FloatArray, y: Sequence[Any]) -> Any:
+    return eq.areas(y) @ w
+
+
 def singular(eq: Equations, guess: FloatArray) -> tuple[FloatArray, FloatArray] | None:
     """The equilibrium near `guess` at which the Hessian is singular, and its null vector.
 
     Gauss–Newton on equilibrium, H w + s a = 0 (a = ∂V/∂λ and a·w = 0 with a liquid, without them else) and
-    |w| = 1; its matrix is regular at a fold, and at a branch point singular in a direction that is not needed.
+    |w| = 1; its matrix is regular at a fold, and at a branch point singular in a direction that is not
+    needed.
     """
     n, m = eq.size, guess.size
     liquid = eq.contents is not None and eq.contents.is_liquid
@@ -156,7 +162,7 @@ def singular(eq: Equations, guess: FloatArray) -> tuple[FloatArray, FloatArray] 
         if liquid:
             matrix[m - 1 : m - 1 + n, -1] = areas * rows
             matrix[-1, m : m + n] = areas
-            matrix[-1, :m] = complex_steps(y, lambda u, w=w: eq.areas(u) @ w)
+            matrix[-1, :m] = complex_steps(y, partial(_volume_change, eq, w))
             full.append([areas @ w])
         step = np.linalg.lstsq(matrix * scales, -np.concatenate(full), rcond=1e-10)[0] * scales
         y, w = y + step[:m], w + step[m : m + n]

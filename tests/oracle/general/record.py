@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +50,8 @@ class State:
 class ReferenceEvent:
     """One event with both of its sides; `after` and `dissipated` are None where the history ends.
 
-    `voltage` is that after the event, `balloon` the one whose film broke, whose curve ended, or that ran away.
+    `voltage` is that after the event, `balloon` the one whose film broke, whose curve ended, or that ran
+    away.
     """
 
     kind: str
@@ -153,6 +155,10 @@ class Reference:
     samples: None = None
     sample_times: None = None
     sample_steps: None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the branches, which stay in their process: `at` and `energy` do not go to another."""
+        return {**self.__dict__, "segments": (), "stays": ()}
 
     @property
     def dissipated(self) -> float:

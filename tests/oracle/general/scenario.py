@@ -1,4 +1,4 @@
-"""A scenario file, read by docs/scenario-format.md alone: what is in it, dimensionless, its cycles unrolled."""
+"""A scenario file, read by docs/scenario-format.md alone: dimensionless, its cycles unrolled."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ class Balloon:
 
     @property
     def mechanics(self) -> tuple[object, ...]:
-        """What two balloons that move alike have in common."""
-        return self.radius, self.thickness, self.modulus, self.permittivity, self.material
+        """What two balloons that move alike under equal loads have in common."""
+        return self.radius, self.thickness, self.modulus, self.material
 
 
 @dataclass(frozen=True)
