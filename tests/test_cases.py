@@ -206,3 +206,25 @@ def test_in_real_time_too_a_voltage_slackens_what_was_sealed_without_pressure() 
     assert (event.kind, event.step) == (EventKind.LOSS_OF_TENSION, 2)
     assert event.time == pytest.approx(7.399, rel=1e-12)
     assert history.pressure.min() >= 0.0
+
+
+# -- equal balloons ------------------------------------------------------------------------------------------
+
+
+def test_an_equal_pair_that_jumps_parts_where_it_comes_to_rest_together() -> None:
+    history = played("equal-pair-jump")
+    assert kinds(history) == [EventKind.JUMP, EventKind.LOSS_OF_TENSION]
+    assert history.stretch[-1] == pytest.approx([1.68299, 1.11319], abs=1e-5)
+    scenario = load_scenario(CASES / "equal-pair-jump.toml").to_dict()
+    scenario["balloon"][0]["radius"] = 1.0 + 1e-6
+    nearly = simulate(load_scenario(scenario))
+    assert nearly.stretch[-1] == pytest.approx(history.stretch[-1], abs=1e-4)
+
+
+@pytest.mark.parametrize("rtol", [1e-3, 1e-6])
+def test_of_equal_balloons_that_charges_held_the_first_grows_at_any_tolerance(rtol: float) -> None:
+    scenario = load_scenario(CASES / "equal-three-released.toml").to_dict()
+    history = simulate(load_scenario(scenario | {"solver": {"rtol": rtol}}))
+    jump = history.events[0]
+    assert jump.kind is EventKind.JUMP
+    assert jump.stretch_after == pytest.approx([1.58302173, 1.22775761, 1.22775761], abs=1e-8)

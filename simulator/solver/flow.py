@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.model.conditions import Condition, stability
-from simulator.model.elastomers import Number
 from simulator.model.equations import Equations, State
-from simulator.solver import ida, singular
+from simulator.model.symmetry import symmetry
+from simulator.solver import singular
 from simulator.solver.ida import Effort, IntegrationError
 from simulator.solver.landing import (
     NEAR,
@@ -29,6 +29,7 @@ from simulator.solver.landing import (
     landing_from,
     variation,
 )
+from simulator.solver.overdamped import consistent, integrate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -38,9 +39,8 @@ FloatArray = NDArray[np.float64]
 _LOOSE = 1e-4
 _TIGHT = 1e-11
 _NEAREST = {_LOOSE: 1e-7, _TIGHT: 1e-10}  # the same, at last, by tolerance
+_PARTING = 1e-12  # an eigenvalue below zero by more is one that parts equal balloons
 _GHOST = 1e-3  # how near a limit point that no longer holds it a creeping state is taken past it
-_LONGEST = 1e12  # a time never reached
-_MOST_STEPS = 50_000
 _NUDGES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  # stretch by which a snap is started off its limit point
 _FINE = (1e-4, 1e-5, 1e-6)  # the same where the way matters: what it is off the way goes with the square
 _FAR = 1e3  # stretch, over the largest at the start, at which a flow without a limit counts as runaway
@@ -90,7 +90,41 @@ def relax(
     ------
     FlowError
         If it does neither within many steps.
+
+    Notes
+    -----
+    Equal balloons that start alike flow alike. Where they come to rest in a state that is unstable against
+    their parting they leave it by the mode in which the first of them grows, as from a branch point.
     """
+    alike = symmetry(equations, start)
+    if alike is None:
+        return _relaxed(equations, conditions, start, effort, tight, fine_start)
+    # What is alike stays alike, and may come to a rest that is none against its parting.
+    narrow = [alike.condition(condition) for condition in conditions]
+
+    def fine() -> FloatArray | None:
+        found = fine_start() if fine_start is not None else None
+        return None if found is None else alike.narrowed(found)
+
+    rest = _relaxed(alike.equations, narrow, alike.narrowed(start), effort, tight, fine)
+    state = np.array(alike.widened(rest.state.tolist()))
+    if rest.end is not None or not float(stability(equations).margin(state.tolist())) < -_PARTING:
+        return Rest(state, rest.end)
+    parted = _off(equations, conditions, state, singular.parting_direction(equations, state), _FINE)
+    if parted is None:
+        raise FlowError("no way down from where equal balloons part")
+    return relax(equations, conditions, parted, effort, tight=True)
+
+
+def _relaxed(
+    equations: Equations,
+    conditions: Sequence[Condition],
+    start: FloatArray,
+    effort: Effort,
+    tight: bool,
+    fine_start: Callable[[], FloatArray | None] | None,
+) -> Rest:
+    """As `relax`, all balloons by themselves."""
     if not tight:
         # Loosely, unless that fails, or what is found depends on the way.
         with contextlib.suppress(FlowError, IntegrationError):
@@ -182,7 +216,7 @@ def _nudged(equations: Equations, state: FloatArray, change: FloatArray) -> Floa
     """A state with its stretches changed, and the pressure that goes with them."""
     out = state.copy()
     out[: change.size] += change
-    out[:-1], _ = _consistent(equations, out)
+    out[:-1], _ = consistent(equations, out)
     return out
 
 
@@ -192,7 +226,7 @@ def _speed_along(equations: Equations, state: FloatArray, escape: FloatArray) ->
     Measured with the weights r²h, in which the flow is a gradient: what the stiff directions do, however
     fast, does not count.
     """
-    _, rates = _consistent(equations, state)
+    _, rates = consistent(equations, state)
     weights = np.array([wall.weight / wall.modulus for wall in equations.walls])
     return float((weights * rates[: escape.size]) @ escape)
 
@@ -277,7 +311,7 @@ def _past(
 def _at_margin(equations: Equations, condition: Condition, state: FloatArray) -> FloatArray:
     """The state of the flow, close to the given one, at which a margin is zero to rounding."""
     for _ in range(3):
-        values, rates = _consistent(equations, state)
+        values, rates = consistent(equations, state)
         state = np.append(values, state[-1])
         margin = float(condition.margin(state.tolist()))
         if margin == 0.0:
@@ -287,87 +321,4 @@ def _at_margin(equations: Equations, condition: Condition, state: FloatArray) ->
             break  # at rest already
         ahead = -margin / speed
         state[: len(equations.walls)] += ahead * rates[: len(equations.walls)]
-    return np.append(_consistent(equations, state)[0], state[-1])
-
-
-def integrate(
-    equations: Equations,
-    margins: Sequence[Callable[[State], Number]],
-    start: FloatArray,
-    rtol: float,
-    effort: Effort,
-) -> tuple[FloatArray, int]:
-    """IDA's states along the flow, (n_unknowns, n), until one of the margins falls to zero, and which.
-
-    Raises IntegrationError.
-    """
-    v = float(start[-1])
-    parts = [
-        (wall.elastomer.pole_form, wall.elastomer.pole_form_slope, wall.modulus) for wall in equations.walls
-    ]
-    count = len(parts)
-    sealed = equations.has_pressure
-
-    def full(stretches: list[float]) -> list[float]:
-        # The gas law is solved for the pressure here: as an unknown of the DAE it is the stiffer the higher
-        # the ambient pressure, and IDA would have to follow its every digit.
-        return [*stretches, equations.gas_pressure(stretches, v), v] if sealed else [*stretches, v]
-
-    def residual(t: float, values: list[float], speeds: list[float]) -> list[Number]:
-        rows = equations.residual(full(values))[:count]
-        for i, (pole_form, _, modulus) in enumerate(parts):
-            denominator = pole_form(values[i])[1]
-            # Beyond the stretch limit there is nothing: IDA takes it for a step too long.
-            rows[i] = rows[i] + denominator / modulus * speeds[i] if denominator > 0.0 else math.nan
-        return rows
-
-    def jacobian(t: float, values: list[float], speeds: list[float], cj: float) -> list[list[Number]]:
-        state = full(values)
-        forces, rows = equations.linearised(state)
-        slopes = equations.flow_law(state, forces, rows)[1] if sealed else []
-        for i, (pole_form, slope, modulus) in enumerate(parts):
-            rows[i][i] += (cj * pole_form(values[i])[1] + slope(values[i])[1] * speeds[i]) / modulus
-        if sealed:
-            gas = [slope / slopes[count] for slope in slopes[:count]]
-            for row in rows[:count]:
-                row[:count] = [entry - row[count] * g for entry, g in zip(row, gas, strict=False)]
-        return [row[:count] for row in rows[:count]]
-
-    def watched(t: float, values: list[float], speeds: list[float]) -> list[Number]:
-        state = full(values)
-        return [margin(state) for margin in margins]
-
-    y0, yp0 = _consistent(equations, start)
-    course = ida.integrate(
-        ida.System(residual, jacobian, watched, [True] * len(margins)),
-        [0.0, _LONGEST],
-        y0[:count],
-        yp0[:count],
-        effort,
-        rtol=rtol,
-        atol=rtol,
-        most_steps=_MOST_STEPS,
-    )
-    states = np.array([full(values) for values in course.states.tolist()]).T
-    if not course.events:
-        raise ida.IntegrationError("the flow does not end", states[:, -1])
-    return states, course.events[-1].which
-
-
-def _consistent(equations: Equations, start: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Consistent values and rates of the flow's unknowns (stretches, [pressure]) for given stretches."""
-    count = len(equations.walls)
-    values = equations.admitted(start.tolist())
-    if equations.has_pressure:
-        # The law is linear in the pressure: one Newton step is exact.
-        defect, slopes = equations.flow_law(values, *equations.linearised(values))
-        values[count] -= defect / slopes[count]
-    residual, rows = equations.linearised(values)
-    rates = [
-        -residual[i] * wall.modulus / wall.elastomer.pole_form(values[i])[1]
-        for i, wall in enumerate(equations.walls)
-    ]
-    if equations.has_pressure:
-        slopes = equations.flow_law(values, residual, rows)[1]
-        rates.append(-sum(slopes[i] * rates[i] for i in range(count)) / slopes[count])
-    return np.array(values[:-1]), np.array(rates)
+    return np.append(consistent(equations, state)[0], state[-1])

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from simulator.model.conditions import modes, softest_mode
 from simulator.model.equations import Equations
+from simulator.model.symmetry import symmetry
 
 FloatArray = NDArray[np.float64]
 
 CROSSING = 1e-11  # a singular value this small, of rows of unit length, is zero: two curves cross
-_SOFT = 1e-8  # of the largest stiffness: an eigenvalue that is one of several that vanish together
+_SOFT = 1e-8  # of the largest stiffness: eigenvalues so close are one
 _PART = 1e-3  # of a unit mode: a balloon that takes part in it
 
 
@@ -82,16 +83,26 @@ def softest_change(equations: Equations, state: FloatArray) -> FloatArray:
     return np.asarray(change / np.linalg.norm(change))
 
 
+def parts_equal_balloons(equations: Equations, state: FloatArray) -> bool:
+    """Whether a state is softest against the parting of balloons that are alike in it."""
+    alike = symmetry(equations, state)
+    if alike is None:
+        return False
+    together = modes(alike.equations, alike.narrowed(state))[0][:1]
+    softest = modes(equations, state)[0][:1]
+    size = np.abs(equations.stiffness(state.tolist())[0]).max()
+    return bool(np.all(together - softest > _SOFT * size))
+
+
 def parting_direction(equations: Equations, state: FloatArray) -> FloatArray:
-    """How the stretches part at a branch point: of all soft modes, what lets the first balloon grow most.
+    """How the stretches part: of all softest modes, what lets the first balloon concerned grow most.
 
     With more than two equal balloons there are several soft modes, and the first balloon against all others
-    is the direction in which another branch leaves. Unit length, (n_balloons,).
+    is the direction in which another branch leaves a branch point. Unit length, (n_balloons,).
     """
     diagonal, _ = equations.stiffness(state.tolist())
     sizes, vectors = modes(equations, state)
-    soft = vectors[:, np.abs(sizes) <= _SOFT * max(np.abs(sizes).max(), np.abs(diagonal).max())]
-    soft = soft if soft.size else vectors[:, :1]
+    soft = vectors[:, np.abs(sizes - sizes[0]) <= _SOFT * max(np.abs(sizes).max(), np.abs(diagonal).max())]
     first = int(np.argmax(np.abs(soft).max(axis=1) > _PART))
     change = _compliance(equations, state) * (soft @ soft[first])
     return np.asarray(change / np.linalg.norm(change))
