@@ -228,3 +228,42 @@ def test_of_equal_balloons_that_charges_held_the_first_grows_at_any_tolerance(rt
     jump = history.events[0]
     assert jump.kind is EventKind.JUMP
     assert jump.stretch_after == pytest.approx([1.58302173, 1.22775761, 1.22775761], abs=1e-8)
+
+
+def test_a_pair_that_comes_together_again_goes_on_together() -> None:
+    """There the equations are singular: what the balloons are apart enters with its third power."""
+    history = played("work-check-equal-pair")
+    assert history.outcome is Outcome.COMPLETED
+    together = history.events[-1]
+    assert together.kind is EventKind.BRANCH_POINT
+    assert together.stretch_before == pytest.approx([1.3378460418942124] * 2, abs=1e-12)
+    assert together.voltage[0] == pytest.approx(0.3699734431891463, abs=1e-13)
+    assert np.ptp(history.stretch[-1]) < 1e-12
+    assert history.pressure[-1] == pytest.approx(1.1914993129241995, rel=1e-12)
+
+
+# -- charges far larger than those of an unstretched film ---------------------------------------------------
+
+
+def test_charges_on_a_liquid() -> None:
+    history = played("charge-liquid")
+    turn = history.events[-1]
+    assert turn.kind is EventKind.LIMIT_POINT
+    assert turn.time == pytest.approx(1.72987, abs=1e-5)
+    assert history.stretch[-1] == pytest.approx([6.47917, 4.50070, 5.90705], abs=1e-5)
+    assert history.statistics.ida_steps < 1000
+
+
+def test_a_charge_taken_off_over_ten_decades() -> None:
+    """A gas in a vacuum and a charge that is small beside it: the film is as large as without."""
+    history = played("charge-from-far")
+    assert history.outcome is Outcome.COMPLETED
+    uncharged = history.stretch[history.step == 1][-1]
+    assert history.stretch[history.step == 3][-1] == pytest.approx(uncharged, rel=1e-5)
+    assert history.statistics.ida_steps < 2000
+
+
+def test_in_real_time_too_nothing_is_taut_without_gas() -> None:
+    history = played("dynamics-sealed-in-vacuum")
+    (event,) = history.events
+    assert (event.kind, event.step, event.time) == (EventKind.LOSS_OF_TENSION, 1, 0.0)
