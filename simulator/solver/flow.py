@@ -43,6 +43,7 @@ _PARTING = 1e-12  # an eigenvalue below zero by more is one that parts equal bal
 _GHOST = 1e-3  # how near a limit point that no longer holds it a creeping state is taken past it
 _NUDGES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  # stretch by which a snap is started off its limit point
 _FINE = (1e-4, 1e-5, 1e-6)  # the same where the way matters: what it is off the way goes with the square
+_NOISE = 4.0 * float(np.finfo(float).eps)  # of the terms of a force: its rounding
 _FAR = 1e3  # stretch, over the largest at the start, at which a flow without a limit counts as runaway
 
 
@@ -221,14 +222,22 @@ def _nudged(equations: Equations, state: FloatArray, change: FloatArray) -> Floa
 
 
 def _speed_along(equations: Equations, state: FloatArray, escape: FloatArray) -> float:
-    """How fast the flow carries a state along a direction of the stretches.
+    """How fast the flow carries a state along a direction of the stretches, surely.
 
     Measured with the weights r²h, in which the flow is a gradient: what the stiff directions do, however
     fast, does not count.
     """
-    _, rates = consistent(equations, state)
+    values, rates = consistent(equations, state)
+    full = [*values.tolist(), float(state[-1])]
     weights = np.array([wall.weight / wall.modulus for wall in equations.walls])
-    return float((weights * rates[: escape.size]) @ escape)
+    speed = float((weights * rates[: escape.size]) @ escape)
+    # Of forces that balance to the last digit, nothing says which way they lead.
+    blur = 0.0
+    for wall, term, part, x in zip(
+        equations.walls, equations.term_sizes(full), escape.tolist(), full, strict=False
+    ):
+        blur += wall.weight * abs(part) * _NOISE * term / wall.elastomer.pole_form(x)[1]
+    return speed - blur if speed > 0.0 else speed
 
 
 def _flow(

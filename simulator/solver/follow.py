@@ -78,10 +78,8 @@ def _onward(equations: Equations, v: float, target: float) -> float:
     if isinstance(equations, OpenBalloon) and equations.pressure_rate:
         return target
     far = _FAR * float(equations.scales[-1])
-    if abs(v) <= far:
-        return float(np.clip(target, -_FACTOR * far, _FACTOR * far))
-    bounds = sorted((v / _FACTOR, v * _FACTOR))
-    return float(np.clip(target, *bounds))
+    low, high = sorted((v / _FACTOR, v * _FACTOR)) if abs(v) > far else (-_FACTOR * far, _FACTOR * far)
+    return min(max(target, low), high)
 
 
 def _followed(
