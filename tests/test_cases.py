@@ -242,6 +242,30 @@ def test_a_pair_that_comes_together_again_goes_on_together() -> None:
     assert history.pressure[-1] == pytest.approx(1.1914993129241995, rel=1e-12)
 
 
+@pytest.mark.parametrize("rated", [0, 1])
+def test_of_an_equal_pair_that_snaps_with_the_valve_open_neither_moves_on_once_a_film_breaks(
+    rated: int,
+) -> None:
+    balloon = {"electrodes": True, "elastomer": {"model": "gent", "J_lim": 100.0}}
+    balloons = [balloon | {"name": name} for name in ("a", "b")]
+    balloons[rated]["breakdown"] = {"field": 2.0}
+    steps = [{"inflate": 1.2}, {"ramp": 0.5, "valve": "open"}]
+    history = simulate(
+        load_scenario({"title": "pair", "gas": {"ambient_pressure": 1.0}, "balloon": balloons, "step": steps})
+    )
+    assert kinds(history) == [EventKind.LIMIT_POINT, EventKind.BREAKDOWN]
+    broken = np.sqrt(2.0 / history.voltage[-1, 0])  # |E| = φλ² = 2
+    assert history.stretch[-1] == pytest.approx([broken, broken], rel=1e-9)
+    assert history.energy_balance.relative_imbalance < 1e-12
+
+
+def test_a_snap_at_a_large_stretch_sets_out_beyond_the_rounding_of_its_forces() -> None:
+    """SciPy's Radau and LSODA too find no rest from its limit point on."""
+    history = played("potential-rises")
+    assert history.outcome is Outcome.RUNAWAY
+    assert history.stretch[-1, 1] == pytest.approx(228.887716, abs=1e-5)
+
+
 # -- charges far larger than those of an unstretched film ---------------------------------------------------
 
 

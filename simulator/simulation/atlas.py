@@ -275,4 +275,16 @@ def by_time(responses: Sequence[Response], resolution: float) -> list[tuple[floa
             merged[-1][1][place] = exit
         else:
             merged.append((fraction, {place: exit}))
-    return merged
+    return [(fraction, _at_once(responses, exits)) for fraction, exits in merged]
+
+
+def _at_once(responses: Sequence[Response], exits: dict[int, Exit]) -> dict[int, Exit]:
+    """Exits of one instant: where the flow of one ends the history, the others are on their way still."""
+    stays = any(exit.rest is None for exit in exits.values())
+    if len(exits) == 1 or stays or all(exit.landing is not None for exit in exits.values()):
+        return exits
+    if all(exit.runs_away for exit in exits.values()):
+        return exits  # none of them arrives anywhere
+    from simulator.simulation.common_flow import snaps_together  # few histories end so
+
+    return snaps_together({place: responses[place].group for place in exits}, exits)
