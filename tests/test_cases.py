@@ -242,6 +242,29 @@ def test_a_pair_that_comes_together_again_goes_on_together() -> None:
     assert history.pressure[-1] == pytest.approx(1.1914993129241995, rel=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("ambient", "stretch"),
+    [(0.0, (5.06019526, 1.09413055)), (0.2, (5.08398153, 1.09482494)), (1.0, (5.13087804, 1.09628623))],
+)
+def test_a_pair_sealed_exactly_at_its_valley_parts_as_soon_as_a_voltage_comes(
+    ambient: float, stretch: tuple[float, float]
+) -> None:
+    """No branch leaves there: at the valley the fourth power of the parting leads down already."""
+    balloon = {"electrodes": True, "elastomer": {"model": "gent", "J_lim": 100.0}}
+    scenario = {
+        "title": "valley",
+        "gas": {"ambient_pressure": ambient},
+        "balloon": [balloon | {"name": name} for name in ("a", "b")],
+        "step": [{"inflate": 1.4}, {"inflate": 0.7028725314932649}, {"ramp": 0.2}, {"ramp": 0.0}],
+    }
+    history = simulate(load_scenario(scenario))
+    assert history.outcome is Outcome.COMPLETED
+    assert kinds(history) == [EventKind.LIMIT_POINT, EventKind.BRANCH_POINT]
+    assert history.events[1].time == pytest.approx(2.0, abs=1e-9)
+    assert history.stretch[-1] == pytest.approx(stretch, abs=1e-8)
+    assert history.energy_balance.relative_imbalance < 1e-12
+
+
 @pytest.mark.parametrize("rated", [0, 1])
 def test_of_an_equal_pair_that_snaps_with_the_valve_open_neither_moves_on_once_a_film_breaks(
     rated: int,

@@ -202,7 +202,7 @@ class Atlas:
             start = beside(equations, point, escape)[0][:, 0]
         except NotConverged:
             # No branch at all leaves there, as where balloons begin at a limit point of their own each.
-            rest = flow.snap(equations, others, point, escape, self.effort)
+            rest = flow.parted(equations, others, point, escape, self.effort)
         else:
             # The branch goes back in v and is unstable; from there the state at this v is carried away.
             start[-1] = point[-1]

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from simulator.model.conditions import Condition, stability
 from simulator.model.equations import Equations, State
 from simulator.model.symmetry import symmetry
-from simulator.solver import singular
+from simulator.solver import newton, singular
 from simulator.solver.ida import Effort, IntegrationError
 from simulator.solver.landing import (
     NEAR,
@@ -44,6 +44,7 @@ _GHOST = 1e-3  # how near a limit point that no longer holds it a creeping state
 _NUDGES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  # stretch by which a snap is started off its limit point
 _FINE = (1e-4, 1e-5, 1e-6)  # the same where the way matters: what it is off the way goes with the square
 _NOISE = 4.0 * float(np.finfo(float).eps)  # of the terms of a force: its rounding
+_APART = (1e-2, 3e-2, 1e-1)  # stretch by which balloons part where only its third power drives them on
 _FAR = 1e3  # stretch, over the largest at the start, at which a flow without a limit counts as runaway
 
 
@@ -196,6 +197,33 @@ def snap(
         if rest.end is not None or np.max(np.abs(rest.state - fold) / equations.scales) > distance:
             return rest
     raise FlowError("the snap fell back to where it came from")
+
+
+def parted(
+    equations: Equations,
+    conditions: Sequence[Condition],
+    point: FloatArray,
+    escape: FloatArray,
+    effort: Effort,
+) -> Rest:
+    """Where the state goes from a branch point that no branch leaves along `escape`; parameters as of `snap`.
+
+    There the drive is what makes it unstable, so that where it stands nothing but the fourth power of the
+    change drives it on. That is of the size of what the other modes have to make up for; they do so first.
+
+    Raises
+    ------
+    FlowError
+        If the flow does not lead away, or comes back.
+    """
+    for distance in _APART:
+        try:
+            start = newton.held_apart(equations, point, distance * escape)
+        except newton.NotConverged:
+            continue
+        if holds(conditions, start) and _speed_along(equations, start, escape) > 0.0:
+            return relax(equations, conditions, start, effort, tight=True)
+    raise FlowError("no way down from where equal balloons part")
 
 
 def _off(

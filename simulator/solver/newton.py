@@ -291,6 +291,35 @@ def at_event(equations: Equations, condition: Condition, guess: FloatArray) -> F
     return _together(equations, condition, state)
 
 
+def held_apart(equations: Equations, point: FloatArray, change: FloatArray) -> FloatArray:
+    """The state with stretches changed by (n_balloons,) in a direction, held there, and at rest across it.
+
+    At the point's own v. Raises NotConverged.
+    """
+    count = change.size
+    guess = np.append(point, 0.0)  # the last unknown is the force that holds it
+    guess[:count] += change
+    walls = equations.walls
+
+    def step(state: list[float]) -> tuple[list[float], Callable[[], bool]]:
+        residual, rows = equations.linearised(state[:-1])
+        size = len(residual) + 1
+        matrix, right = np.zeros((size, size)), np.zeros(size)
+        matrix[:-1, :-1] = np.array(rows, dtype=np.float64)[:, :-1]
+        matrix[-1, :count] = change
+        right[:-1] = residual
+        right[-1] = change @ (np.array(state[:count]) - point[:count] - change)
+        for i, (wall, x) in enumerate(zip(walls, state, strict=False)):
+            # Π + force · change: of R = D g/k.
+            matrix[i, -1] = wall.elastomer.pole_form(x)[1] / wall.weight * change[i]
+            right[i] += matrix[i, -1] * state[-1]
+        found = np.linalg.solve(matrix, right).tolist()
+        return [*found[:-1], 0.0, found[-1]], lambda: True
+
+    scales = np.append(equations.scales, 1.0)
+    return solved_one(step, guess, scales, "state held apart")[:-1]
+
+
 def _together(equations: Equations, condition: Condition, state: FloatArray) -> FloatArray:
     """The event of balloons that are alike where a state cannot be told from it, else the state.
 
