@@ -17,9 +17,9 @@ are given.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,13 +38,15 @@ State = Sequence[Number] | NDArray[Any]
 class Equations(Protocol):
     """What following, polishing and relaxing need to know of a set of equations.
 
-    `scales` are the natural sizes of the unknowns, shape (n_unknowns,); `membranes` the balloons in it, as
-    they are driven, and `walls` without that;
+    `scales` are the natural sizes of the unknowns, shape (n_unknowns,), that of v no smaller than
+    `least_drive`; `membranes` the balloons in it, as they are driven, and `walls` without that;
     `longest_step` the largest part of v that one step may pass over, inf where the drive is straight.
     """
 
     @property
     def scales(self) -> FloatArray: ...
+    @property
+    def least_drive(self) -> float: ...
     @property
     def membranes(self) -> tuple[AnyMembrane, ...]: ...
     @property
@@ -69,6 +71,10 @@ class Equations(Protocol):
     @property
     def can_go_slack(self) -> bool:
         """Whether the pressure can fall to 0 by itself."""
+        ...
+
+    def measured_by(self, least_drive: float) -> Self:
+        """The same equations, with a scale of v no smaller than that."""
         ...
 
     def residual(self, y: State) -> list[Number]:
@@ -134,6 +140,7 @@ class SealedBalloons:
 
     membranes: tuple[AnyMembrane, ...]
     gas: Contents
+    least_drive: float = 0.0
 
     has_pressure = True
 
@@ -169,6 +176,9 @@ class SealedBalloons:
         walls = [(m.stiffness, w.cube, w.weight) for m, w in zip(self.membranes, self.walls, strict=True)]
         return walls, self.gas.stiffness
 
+    def measured_by(self, least_drive: float) -> Self:
+        return replace(self, least_drive=least_drive)
+
     @cached_property
     def longest_step(self) -> float:
         return _longest_step(self.membranes)
@@ -176,7 +186,9 @@ class SealedBalloons:
     @cached_property
     def scales(self) -> FloatArray:
         softest = min(1.0 / wall.pressure_load for wall in self.walls)
-        return np.array([1.0] * len(self.membranes) + [softest, _drive_scale(self.membranes)])
+        return np.array(
+            [1.0] * len(self.membranes) + [softest, max(_drive_scale(self.membranes), self.least_drive)]
+        )
 
     def residual(self, y: State) -> list[Number]:
         *stretches, pressure, v = y
@@ -283,6 +295,7 @@ class OpenBalloon:
     membrane: AnyMembrane
     pressure_offset: float
     pressure_rate: float
+    least_drive: float = 0.0
 
     has_pressure = False
     is_open = True
@@ -297,6 +310,9 @@ class OpenBalloon:
     def walls(self) -> tuple[Membrane, ...]:
         return (self.membrane.wall,)
 
+    def measured_by(self, least_drive: float) -> Self:
+        return replace(self, least_drive=least_drive)
+
     @cached_property
     def longest_step(self) -> float:
         return _longest_step((self.membrane,))
@@ -305,7 +321,7 @@ class OpenBalloon:
     def scales(self) -> FloatArray:
         if self.pressure_rate:
             return np.array([1.0, 1.0 / self.walls[0].pressure_load])
-        return np.array([1.0, _drive_scale((self.membrane,))])
+        return np.array([1.0, max(_drive_scale((self.membrane,)), self.least_drive)])
 
     def residual(self, y: State) -> list[Number]:
         x, v = y

@@ -7,7 +7,7 @@ comes back to it, and so is the way out at each of its ends.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,6 +20,7 @@ from simulator.solver import flow
 from simulator.solver.branch import Branch, BranchEnd, beside
 from simulator.solver.follow import PathError
 from simulator.solver.ida import Effort
+from simulator.solver.newton import NotConverged
 from simulator.solver.singular import escape_direction, is_fold, parting_direction
 
 FloatArray = NDArray[np.float64]
@@ -193,16 +194,29 @@ class Atlas:
             if end is not None and np.abs(end.state - point).max() < 1e-7 and branch.states.shape[1] > 1:
                 return replace(here, onward=branch)
         escape = parting_direction(equations, point)
-        for sense in (escape, -escape):
-            gradual = Branch.leaving(equations, group.conditions, point, sense, direction)
+        for gradual in self._gradual(group, point, escape, direction):
             if gradual is not None:
                 known.append(gradual)
                 return replace(here, onward=gradual)
-        # The branch goes back in v and is unstable; seen from there the state at this v is carried away.
-        start = beside(equations, point, escape)[0][:, 0]
-        start[-1] = point[-1]
-        rest = flow.relax(equations, others, start, self.effort, tight=True)
+        try:
+            start = beside(equations, point, escape)[0][:, 0]
+        except NotConverged:
+            # No branch at all leaves there, as where balloons begin at a limit point of their own each.
+            rest = flow.parted(equations, others, point, escape, self.effort)
+        else:
+            # The branch goes back in v and is unstable; from there the state at this v is carried away.
+            start[-1] = point[-1]
+            rest = flow.relax(equations, others, start, self.effort, tight=True)
         return self._arriving(group, EventKind.BRANCH_POINT, point, rest)
+
+    @staticmethod
+    def _gradual(
+        group: Group, point: FloatArray, escape: FloatArray, direction: float
+    ) -> Iterator[Branch | None]:
+        """Branches on which it may go on gradually: what parted comes together, or parts."""
+        yield Branch.straight_on(group.equations, group.conditions, point, direction)
+        for sense in (escape, -escape):
+            yield Branch.leaving(group.equations, group.conditions, point, sense, direction)
 
     def settle(self, group: Group, start: FloatArray, before: FloatArray, *, tight: bool = False) -> Exit:
         """A change at once, by the flow from `start`, which is no equilibrium.
@@ -261,4 +275,16 @@ def by_time(responses: Sequence[Response], resolution: float) -> list[tuple[floa
             merged[-1][1][place] = exit
         else:
             merged.append((fraction, {place: exit}))
-    return merged
+    return [(fraction, _at_once(responses, exits)) for fraction, exits in merged]
+
+
+def _at_once(responses: Sequence[Response], exits: dict[int, Exit]) -> dict[int, Exit]:
+    """Exits of one instant: where the flow of one ends the history, the others are on their way still."""
+    stays = any(exit.rest is None for exit in exits.values())
+    if len(exits) == 1 or stays or all(exit.landing is not None for exit in exits.values()):
+        return exits
+    if all(exit.runs_away for exit in exits.values()):
+        return exits  # none of them arrives anywhere
+    from simulator.simulation.common_flow import snaps_together  # few histories end so
+
+    return snaps_together({place: responses[place].group for place in exits}, exits)

@@ -19,7 +19,7 @@ from simulator.simulation.playback import Playback, record_exits
 from simulator.simulation.present import unknowns_of
 from simulator.simulation.recorder import sample_fractions
 from simulator.solver.flow import Rest
-from simulator.solver.singular import parting_direction
+from simulator.solver.singular import parting_direction, parts_equal_balloons, softest_change
 
 if TYPE_CHECKING:
     from simulator.scenario import PlayedStep, Scenario
@@ -102,16 +102,21 @@ class QuasiStatic:
         return float(group.conditions[0].margin(self.record.present.unknowns(group, v).tolist())) < 0.0
 
     def _fall(self, group: Group, v: float) -> Exit:
-        """How a group leaves an equilibrium that is not stable: the way on which the potential falls more."""
+        """How a group leaves an equilibrium that is not stable: the way on which the potential falls more.
+
+        Equal balloons part such that the first of them grows.
+        """
         state, equations = self.record.present.unknowns(group, v), group.equations
-        nudge = np.zeros(state.size)
-        nudge[: len(group.members)] = _OFF * parting_direction(equations, state)
-        one, other = (
-            self.atlas.settle(
-                group, np.array(equations.admitted((state + sign * nudge).tolist())), state, tight=True
-            )
-            for sign in (1.0, -1.0)
-        )
+
+        def along(change: FloatArray) -> Exit:
+            start = state.copy()
+            start[: change.size] += _OFF * change
+            return self.atlas.settle(group, np.array(equations.admitted(start.tolist())), state, tight=True)
+
+        if parts_equal_balloons(equations, state):
+            return along(parting_direction(equations, state))
+        change = softest_change(equations, state)
+        one, other = along(change), along(-change)
         return other if other.falls_further_than(one) else one
 
     def _leave(self, groups: Sequence[Group], way: Way, v: float, exits: dict[int, Exit]) -> None:

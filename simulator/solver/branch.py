@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from simulator.model.conditions import Condition
 from simulator.model.equations import Equations
+from simulator.model.symmetry import symmetry
 from simulator.solver import newton
 from simulator.solver.follow import follow
 from simulator.solver.ida import Effort
@@ -106,8 +107,46 @@ class Branch:
             return None  # no branch leaves in that direction
         if (near[-1, 0] - point[-1]) * direction <= 0.0 or conditions[0].margin(near[:, 0].tolist()) <= 0.0:
             return None
+        return cls._between(equations, conditions, point, near, (out, rates), direction)
+
+    @classmethod
+    def straight_on(
+        cls, equations: Equations, conditions: tuple[Condition, ...], point: FloatArray, direction: float
+    ) -> Branch | None:
+        """The stable branch on which balloons alike in a branch point stay alike; parameters as of `leaving`.
+
+        None if there is none: the state beyond is not stable.
+        """
+        alike = symmetry(equations, point)
+        if alike is None:
+            return None
+        narrow = np.repeat(alike.narrowed(point)[:, None], 2, axis=1)
+        narrow[-1, 1] += direction * _LEAVE * equations.scales[-1]
+        way = np.zeros((len(narrow), 2))
+        way[-1] = direction
+        try:
+            narrow[:, 1] = newton.one_at_drive(alike.equations, narrow[:, 1])
+            ahead = np.array(alike.widened(newton.tangents(alike.equations, narrow, way)))
+        except (newton.NotConverged, np.linalg.LinAlgError):
+            return None
+        near = np.array(alike.widened(narrow))[:, 1:]
+        if any(condition.margin(near[:, 0].tolist()) <= 0.0 for condition in conditions):
+            return None
+        return cls._between(equations, conditions, point, near, (ahead[:, :1], ahead[:, 1:]), direction)
+
+    @classmethod
+    def _between(
+        cls,
+        equations: Equations,
+        conditions: tuple[Condition, ...],
+        point: FloatArray,
+        near: FloatArray,
+        directions: tuple[FloatArray, FloatArray],
+        direction: float,
+    ) -> Branch | None:
+        """The branch from a branch point to a state near it, with directions there; None if it is none."""
         nodes = np.concatenate([point[:, None], near], axis=1)
-        tangents = np.concatenate([newton.unit(equations, d) for d in (out, rates)], axis=1)
+        tangents = np.concatenate([newton.unit(equations, d) for d in directions], axis=1)
         segment, astray = Segment.through(equations, nodes, tangents)
         if astray.size:
             return None

@@ -10,16 +10,16 @@ from __future__ import annotations
 
 import contextlib
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simulator.model.conditions import Condition, stability
-from simulator.model.elastomers import Number
 from simulator.model.equations import Equations, State
-from simulator.solver import ida, newton, singular
+from simulator.model.symmetry import symmetry
+from simulator.solver import newton, singular
 from simulator.solver.ida import Effort, IntegrationError
 from simulator.solver.landing import (
     NEAR,
@@ -29,6 +29,7 @@ from simulator.solver.landing import (
     landing_from,
     variation,
 )
+from simulator.solver.overdamped import consistent, integrate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -38,11 +39,12 @@ FloatArray = NDArray[np.float64]
 _LOOSE = 1e-4
 _TIGHT = 1e-11
 _NEAREST = {_LOOSE: 1e-7, _TIGHT: 1e-10}  # the same, at last, by tolerance
+_PARTING = 1e-12  # an eigenvalue below zero by more is one that parts equal balloons
 _GHOST = 1e-3  # how near a limit point that no longer holds it a creeping state is taken past it
-_LONGEST = 1e12  # a time never reached
-_MOST_STEPS = 50_000
 _NUDGES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  # stretch by which a snap is started off its limit point
 _FINE = (1e-4, 1e-5, 1e-6)  # the same where the way matters: what it is off the way goes with the square
+_NOISE = 4.0 * float(np.finfo(float).eps)  # of the terms of a force: its rounding
+_APART = (1e-2, 3e-2, 1e-1)  # stretch by which balloons part where only its third power drives them on
 _FAR = 1e3  # stretch, over the largest at the start, at which a flow without a limit counts as runaway
 
 
@@ -92,7 +94,45 @@ def relax(
     ------
     FlowError
         If it does neither within many steps.
+
+    Notes
+    -----
+    Equal balloons that start alike flow alike. Where they come to rest in a state that is unstable against
+    their parting they leave it by the mode in which the first of them grows, as from a branch point.
     """
+    alike = symmetry(equations, start)
+    if alike is None:
+        return _relaxed(equations, conditions, start, effort, tight, fine_start)
+    # What is alike stays alike, and may come to a rest that is none against its parting.
+    narrow = [alike.condition(condition) for condition in conditions]
+
+    def fine() -> FloatArray | None:
+        found = fine_start() if fine_start is not None else None
+        return None if found is None else alike.narrowed(found)
+
+    rest = _relaxed(alike.equations, narrow, alike.narrowed(start), effort, tight, fine)
+    state = np.array(alike.widened(rest.state.tolist()))
+    together = np.array(alike.widened(list(rest.path))) if rest.path.size else np.empty((start.size, 0))
+    if rest.end is not None or not float(stability(equations).margin(state.tolist())) < -_PARTING:
+        return Rest(state, rest.end, together)
+    parted = _off(equations, conditions, state, singular.parting_direction(equations, state), _FINE)
+    if parted is None:
+        raise FlowError("no way down from where equal balloons part")
+    apart = relax(equations, conditions, parted, effort, tight=True)
+    return replace(
+        apart, path=np.concatenate([together, apart.path], axis=1) if apart.path.size else together
+    )
+
+
+def _relaxed(
+    equations: Equations,
+    conditions: Sequence[Condition],
+    start: FloatArray,
+    effort: Effort,
+    tight: bool,
+    fine_start: Callable[[], FloatArray | None] | None,
+) -> Rest:
+    """As `relax`, all balloons by themselves."""
     if not tight:
         # Loosely, unless that fails, or what is found depends on the way.
         with contextlib.suppress(FlowError, IntegrationError):
@@ -165,6 +205,33 @@ def snap(
     raise FlowError("the snap fell back to where it came from")
 
 
+def parted(
+    equations: Equations,
+    conditions: Sequence[Condition],
+    point: FloatArray,
+    escape: FloatArray,
+    effort: Effort,
+) -> Rest:
+    """Where the state goes from a branch point that no branch leaves along `escape`; parameters as of `snap`.
+
+    There the drive is what makes it unstable, so that where it stands nothing but the fourth power of the
+    change drives it on. That is of the size of what the other modes have to make up for; they do so first.
+
+    Raises
+    ------
+    FlowError
+        If the flow does not lead away, or comes back.
+    """
+    for distance in _APART:
+        try:
+            start = newton.held_apart(equations, point, distance * escape)
+        except newton.NotConverged:
+            continue
+        if holds(conditions, start) and _speed_along(equations, start, escape) > 0.0:
+            return relax(equations, conditions, start, effort, tight=True)
+    raise FlowError("no way down from where equal balloons part")
+
+
 def _off(
     equations: Equations,
     conditions: Sequence[Condition],
@@ -184,19 +251,27 @@ def _nudged(equations: Equations, state: FloatArray, change: FloatArray) -> Floa
     """A state with its stretches changed, and the pressure that goes with them."""
     out = state.copy()
     out[: change.size] += change
-    out[:-1], _ = _consistent(equations, out)
+    out[:-1], _ = consistent(equations, out)
     return out
 
 
 def _speed_along(equations: Equations, state: FloatArray, escape: FloatArray) -> float:
-    """How fast the flow carries a state along a direction of the stretches.
+    """How fast the flow carries a state along a direction of the stretches, surely.
 
     Measured with the weights r²h, in which the flow is a gradient: what the stiff directions do, however
     fast, does not count.
     """
-    _, rates = _consistent(equations, state)
+    values, rates = consistent(equations, state)
+    full = [*values.tolist(), float(state[-1])]
     weights = np.array([wall.weight / wall.modulus for wall in equations.walls])
-    return float((weights * rates[: escape.size]) @ escape)
+    speed = float((weights * rates[: escape.size]) @ escape)
+    # Of forces that balance to the last digit, nothing says which way they lead.
+    blur = 0.0
+    for wall, term, part, x in zip(
+        equations.walls, equations.term_sizes(full), escape.tolist(), full, strict=False
+    ):
+        blur += wall.weight * abs(part) * _NOISE * term / wall.elastomer.pole_form(x)[1]
+    return speed - blur if speed > 0.0 else speed
 
 
 def _flow(
@@ -210,7 +285,7 @@ def _flow(
     closest = [math.inf] * len(conditions)
     path = np.empty((start.size, 0))
     state, near = np.array(equations.admitted(start.tolist())), NEAR
-    passed = parted = False
+    passed = False
     while True:
 
         def resting(y: State, near: float = near) -> float:
@@ -225,14 +300,7 @@ def _flow(
         if endless:
             margins.append(lambda y: far - max(y[i] for i in endless))
         if resting(state.tolist()) > 0.0:
-            try:
-                states, ended = integrate(equations, margins, state, rtol, effort)
-            except IntegrationError as failure:
-                onward = None if parted else _off_saddle(equations, conditions, failure.state)
-                if onward is None:
-                    raise
-                state, parted = onward, True
-                continue
+            states, ended = integrate(equations, margins, state, rtol, effort)
             _check_downhill(equations, states)
             closest = [
                 min(low, float(np.min(margin(states))))
@@ -271,23 +339,6 @@ def _check_downhill(equations: Equations, states: FloatArray) -> None:
         raise FlowError("the potential rises along the flow")
 
 
-def _off_saddle(
-    equations: Equations, conditions: Sequence[Condition], state: FloatArray
-) -> FloatArray | None:
-    """Where a state goes on that has come to rest where it is not stable; None where it has not.
-
-    Equal balloons that move alike come to rest where they would rather part: the first of them grows.
-    """
-    try:
-        saddle = newton.one_at_drive(equations, state)
-    except newton.NotConverged:
-        return None
-    near = np.max(np.abs(saddle - state) / equations.scales) < _GHOST
-    if not near or float(stability(equations).margin(saddle.tolist())) >= 0.0:
-        return None
-    return _off(equations, conditions, saddle, singular.parting_direction(equations, saddle), _FINE)
-
-
 def _past(
     equations: Equations, conditions: Sequence[Condition], fold: FloatArray, v: float
 ) -> FloatArray | None:
@@ -305,7 +356,7 @@ def _past(
 def _at_margin(equations: Equations, condition: Condition, state: FloatArray) -> FloatArray:
     """The state of the flow, close to the given one, at which a margin is zero to rounding."""
     for _ in range(3):
-        values, rates = _consistent(equations, state)
+        values, rates = consistent(equations, state)
         state = np.append(values, state[-1])
         margin = float(condition.margin(state.tolist()))
         if margin == 0.0:
@@ -315,87 +366,4 @@ def _at_margin(equations: Equations, condition: Condition, state: FloatArray) ->
             break  # at rest already
         ahead = -margin / speed
         state[: len(equations.walls)] += ahead * rates[: len(equations.walls)]
-    return np.append(_consistent(equations, state)[0], state[-1])
-
-
-def integrate(
-    equations: Equations,
-    margins: Sequence[Callable[[State], Number]],
-    start: FloatArray,
-    rtol: float,
-    effort: Effort,
-) -> tuple[FloatArray, int]:
-    """IDA's states along the flow, (n_unknowns, n), until one of the margins falls to zero, and which.
-
-    Raises IntegrationError.
-    """
-    v = float(start[-1])
-    parts = [
-        (wall.elastomer.pole_form, wall.elastomer.pole_form_slope, wall.modulus) for wall in equations.walls
-    ]
-    count = len(parts)
-    sealed = equations.has_pressure
-
-    def full(stretches: list[float]) -> list[float]:
-        # The gas law is solved for the pressure here: as an unknown of the DAE it is the stiffer the higher
-        # the ambient pressure, and IDA would have to follow its every digit.
-        return [*stretches, equations.gas_pressure(stretches, v), v] if sealed else [*stretches, v]
-
-    def residual(t: float, values: list[float], speeds: list[float]) -> list[Number]:
-        rows = equations.residual(full(values))[:count]
-        for i, (pole_form, _, modulus) in enumerate(parts):
-            denominator = pole_form(values[i])[1]
-            # Beyond the stretch limit there is nothing: IDA takes it for a step too long.
-            rows[i] = rows[i] + denominator / modulus * speeds[i] if denominator > 0.0 else math.nan
-        return rows
-
-    def jacobian(t: float, values: list[float], speeds: list[float], cj: float) -> list[list[Number]]:
-        state = full(values)
-        forces, rows = equations.linearised(state)
-        slopes = equations.flow_law(state, forces, rows)[1] if sealed else []
-        for i, (pole_form, slope, modulus) in enumerate(parts):
-            rows[i][i] += (cj * pole_form(values[i])[1] + slope(values[i])[1] * speeds[i]) / modulus
-        if sealed:
-            gas = [slope / slopes[count] for slope in slopes[:count]]
-            for row in rows[:count]:
-                row[:count] = [entry - row[count] * g for entry, g in zip(row, gas, strict=False)]
-        return [row[:count] for row in rows[:count]]
-
-    def watched(t: float, values: list[float], speeds: list[float]) -> list[Number]:
-        state = full(values)
-        return [margin(state) for margin in margins]
-
-    y0, yp0 = _consistent(equations, start)
-    course = ida.integrate(
-        ida.System(residual, jacobian, watched, [True] * len(margins)),
-        [0.0, _LONGEST],
-        y0[:count],
-        yp0[:count],
-        effort,
-        rtol=rtol,
-        atol=rtol,
-        most_steps=_MOST_STEPS,
-    )
-    states = np.array([full(values) for values in course.states.tolist()]).T
-    if not course.events:
-        raise ida.IntegrationError("the flow does not end", states[:, -1])
-    return states, course.events[-1].which
-
-
-def _consistent(equations: Equations, start: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Consistent values and rates of the flow's unknowns (stretches, [pressure]) for given stretches."""
-    count = len(equations.walls)
-    values = equations.admitted(start.tolist())
-    if equations.has_pressure:
-        # The law is linear in the pressure: one Newton step is exact.
-        defect, slopes = equations.flow_law(values, *equations.linearised(values))
-        values[count] -= defect / slopes[count]
-    residual, rows = equations.linearised(values)
-    rates = [
-        -residual[i] * wall.modulus / wall.elastomer.pole_form(values[i])[1]
-        for i, wall in enumerate(equations.walls)
-    ]
-    if equations.has_pressure:
-        slopes = equations.flow_law(values, residual, rows)[1]
-        rates.append(-sum(slopes[i] * rates[i] for i in range(count)) / slopes[count])
-    return np.array(values[:-1]), np.array(rates)
+    return np.append(consistent(equations, state)[0], state[-1])

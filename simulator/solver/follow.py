@@ -13,14 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.model.conditions import Condition
-from simulator.model.equations import Equations
+from simulator.model.equations import Equations, OpenBalloon
 from simulator.solver import singular
 from simulator.solver.certify import NOISE, certified
 from simulator.solver.ida import Effort
 from simulator.solver.proposals import off_singular, proposals
-from simulator.solver.segment import Segment, straight
+from simulator.solver.segment import Segment, joined, straight
 
 FloatArray = NDArray[np.float64]
+
+_FAR = 8.0  # over its scale: a v beyond that is measured by itself
+_FACTOR = 4.0  # by which v may change until it is measured anew
 
 
 class PathError(ArithmeticError):
@@ -55,6 +58,39 @@ def follow(
     PathError
         If no proposal could be certified.
     """
+    pieces: list[Segment] = []
+    while True:
+        v = float(start[-1])
+        onward = _onward(equations, v, target)
+        measured = equations.measured_by(abs(v) / _FAR)
+        pieces.append(_followed(measured, conditions, start, onward, rtol, effort))
+        if onward == target or pieces[-1].end is not None:
+            return joined(pieces)
+        start = pieces[-1].states[:, -1]
+
+
+def _onward(equations: Equations, v: float, target: float) -> float:
+    """How far towards a target the scale of v can stay that of a v now: to a multiple or a part of it.
+
+    The charge of a film grows with the fourth power of its stretch. Measured by that of an unstretched film
+    it would be all of the arclength, and the stretches, however they turn, none of it.
+    """
+    if isinstance(equations, OpenBalloon) and equations.pressure_rate:
+        return target
+    far = _FAR * float(equations.scales[-1])
+    low, high = sorted((v / _FACTOR, v * _FACTOR)) if abs(v) > far else (-_FACTOR * far, _FACTOR * far)
+    return min(max(target, low), high)
+
+
+def _followed(
+    equations: Equations,
+    conditions: Sequence[Condition],
+    start: FloatArray,
+    target: float,
+    rtol: float,
+    effort: Effort,
+) -> Segment:
+    """As `follow`, with one scale of v."""
     if float(conditions[0].margin(start.tolist())) < NOISE and not singular.is_fold(equations, start):
         off = _off_singular(equations, conditions, start, target, rtol, effort)
         if off is not None:
@@ -86,12 +122,6 @@ def _off_singular(
     if off is None:
         return None
     nodes, tangents = off
-    rest = follow(equations, conditions, nodes[:, 1], target, rtol, effort)
     dense, speeds = straight(nodes[:, :1], nodes[:, 1:])
-    return Segment(
-        np.concatenate([nodes[:, :1], rest.states], axis=1),
-        np.concatenate([tangents[:, :1], rest.tangents], axis=1),
-        np.concatenate([dense, rest.dense], axis=1),
-        np.concatenate([speeds, rest.speeds], axis=1),
-        rest.end,
-    )
+    first = Segment(nodes, tangents, dense, speeds, None)
+    return joined([first, _followed(equations, conditions, nodes[:, 1], target, rtol, effort)])

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from simulator.model.conditions import Condition
 from simulator.model.equations import Equations, SealedBalloons
+from simulator.model.symmetry import symmetry
 
 FloatArray = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -27,6 +28,7 @@ _DIVERGED = 1e3  # a step this large, relatively, leads nowhere
 _STALLED = 0.5  # of the step before it: a step that is no shorter is made of rounding, or leads nowhere
 _NOISE = 16.0 * _EPS  # of the terms of a residual: it is zero to rounding
 _SINGULAR = 1e-9  # a singular value this small, of rows of unit length, is cut off in a least-squares step
+_NEARLY = 1e-4  # relatively: stretches of equal balloons this close may be those of balloons that part
 _EQUAL = 1e-6  # stretches of equal balloons closer than this may be equal
 
 
@@ -286,9 +288,65 @@ def at_event(equations: Equations, condition: Condition, guess: FloatArray) -> F
 
     start = evened(equations, guess)
     state = solved_one(step, start, equations.scales, what, iterations=2 * _ITERATIONS)
-    even = _symmetric(equations, state)
-    # Told apart by rounding only, equal balloons split a multiple eigenvalue: again, from the middle.
-    return even if np.abs(even - state).max() <= 1e-12 else at_event(equations, condition, even)
+    return _together(equations, condition, state)
+
+
+def held_apart(equations: Equations, point: FloatArray, change: FloatArray) -> FloatArray:
+    """The state with stretches changed by (n_balloons,) in a direction, held there, and at rest across it.
+
+    At the point's own v. Raises NotConverged.
+    """
+    count = change.size
+    guess = np.append(point, 0.0)  # the last unknown is the force that holds it
+    guess[:count] += change
+    walls = equations.walls
+
+    def step(state: list[float]) -> tuple[list[float], Callable[[], bool]]:
+        residual, rows = equations.linearised(state[:-1])
+        size = len(residual) + 1
+        matrix, right = np.zeros((size, size)), np.zeros(size)
+        matrix[:-1, :-1] = np.array(rows, dtype=np.float64)[:, :-1]
+        matrix[-1, :count] = change
+        right[:-1] = residual
+        right[-1] = change @ (np.array(state[:count]) - point[:count] - change)
+        for i, (wall, x) in enumerate(zip(walls, state, strict=False)):
+            # Π + force · change: of R = D g/k.
+            matrix[i, -1] = wall.elastomer.pole_form(x)[1] / wall.weight * change[i]
+            right[i] += matrix[i, -1] * state[-1]
+        found = np.linalg.solve(matrix, right).tolist()
+        return [*found[:-1], 0.0, found[-1]], lambda: True
+
+    scales = np.append(equations.scales, 1.0)
+    return solved_one(step, guess, scales, "state held apart")[:-1]
+
+
+def _together(equations: Equations, condition: Condition, state: FloatArray) -> FloatArray:
+    """The event of balloons that are alike where a state cannot be told from it, else the state.
+
+    Where equal balloons part the equations are singular: what they are off the event goes into the residual
+    with its third power. Among states in which they are alike it is a regular solution.
+    """
+    alike = symmetry(equations, state, _NEARLY)
+    if alike is None:
+        return state
+    narrow = alike.condition(condition)
+    try:
+        found = at_event(alike.equations, narrow, alike.narrowed(state))
+    except NotConverged:
+        return state
+    event = np.array(alike.widened(found.tolist()))
+    if np.max(np.abs(event - state) / equations.scales) > _NEARLY * np.max(np.abs(state / equations.scales)):
+        return state
+    # Another event close by, such as a limit point after the parting, has forces between it and this one.
+    halfway = 0.5 * (state + event)
+    residual, matrices = linearised(equations, halfway[:, None])
+    for places in alike.sets:
+        chosen = list(places)
+        parting = residual[0, chosen] - residual[0, chosen].mean()
+        sizes = np.abs(matrices[0, chosen]) @ np.abs(halfway)
+        if np.any(np.abs(parting) > _NOISE * sizes):
+            return state
+    return event
 
 
 def at_crossing(equations: Equations, condition: Condition, guess: FloatArray) -> FloatArray:
@@ -316,15 +374,6 @@ def _rounds_to_zero(
     """As `rounds_to_zero`, for one state."""
     found = rounds_to_zero(equations, np.array(state)[:, None], np.array(residual)[None], rows[None])
     return bool(found[0])
-
-
-def _symmetric(equations: Equations, state: FloatArray) -> FloatArray:
-    """A state with the stretches of equal balloons made equal where they differ by rounding.
-
-    At the branch point where equal balloons part, rounding is all that tells them apart, and much enlarged.
-    """
-    even = evened(equations, state)[:, None]
-    return even[:, 0] if rounds_to_zero(equations, even, *linearised(equations, even))[0] else state
 
 
 def evened(equations: Equations, state: FloatArray) -> FloatArray:

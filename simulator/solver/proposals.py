@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from simulator.model.conditions import Condition, softest_mode
 from simulator.model.equations import Equations, OpenBalloon
+from simulator.model.symmetry import symmetry
 from simulator.solver import newton, singular
 from simulator.solver.arclength import along
-from simulator.solver.certify import Proposal
+from simulator.solver.certify import NOISE, Proposal
 from simulator.solver.ida import Effort
 from simulator.solver.inflation import inflated
 from simulator.solver.newton import NotConverged
@@ -164,6 +165,8 @@ def _event_beside(
     """The event close to a state that ends the path ahead of it, if there is one."""
     if condition.kind == "loss_of_tension" and start[-2] > _CLOSE * equations.scales[-2]:
         return None  # p = 0 is no closer than that
+    if condition.kind == "limit_point" and _softens_together(equations, condition, start, sense):
+        return start
     for ahead in (0.0, 1e-6, 1e-4):  # without a voltage the forces do not yet depend on it
         guess = start.copy()
         guess[-1] += sense * ahead * equations.scales[-1]
@@ -178,6 +181,23 @@ def _event_beside(
         ):
             return event
     return None
+
+
+def _softens_together(equations: Equations, condition: Condition, start: FloatArray, sense: float) -> bool:
+    """Whether balloons alike in a singular state are unstable as soon as v sets out.
+
+    Without a voltage the margin falls with the square of it only, and its slope does not tell.
+    """
+    alike = symmetry(equations, start)
+    if alike is None or abs(float(condition.margin(start.tolist()))) > NOISE:
+        return False
+    ahead = alike.narrowed(start)
+    ahead[-1] += sense * _CLOSE * equations.scales[-1]
+    try:
+        ahead = newton.one_at_drive(alike.equations, ahead)
+    except NotConverged:
+        return False
+    return float(condition.margin(alike.widened(ahead.tolist()))) < -NOISE
 
 
 def _ends_path(equations: Equations, condition: Condition, event: FloatArray, sense: float) -> bool:

@@ -6,6 +6,7 @@ cubic, put on the curve by Newton's method, are what margins are judged by and w
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +39,7 @@ _LAST_COEFFICIENTS = np.stack(
 )
 _WORK_ERROR = 1e-10  # of the work of an interval, over that of the segment
 _POTENTIAL_NOISE = 1e-14  # of a potential: its rounding
+_FINEST = 5e-3  # in scaled unknowns: an interval not halved again for what the potential says
 _MOST_HALVINGS = 6
 RATES = 1e-12  # accuracy of the speeds at the Gauss points, well below that of the work
 STRAIGHT = 1e-6  # in scaled unknowns: the length of a chord that is the curve to rounding
@@ -184,11 +186,31 @@ class Segment:
         whole = np.abs(done).sum()
         potential = np.asarray(equations.potential(self.states))
         missed = np.abs(np.diff(potential) + done) - _POTENTIAL_NOISE * np.abs(potential).max()
+        # Beside a branch point states are found the worse the closer they are to it: shorter is no better.
+        lengths = np.linalg.norm(np.diff(self.states, axis=1) / equations.scales[:, None], axis=0)
+        missed[lengths < _FINEST] = 0.0
         return np.flatnonzero(np.maximum(largest * falls ** (2 * _COUNT), missed) > _WORK_ERROR * whole)
 
     def work(self, equations: Equations) -> FloatArray:
         """∫ −∂Π/∂v dv over the interval between each two points, (n − 1,)."""
         return work(equations, self.dense, self.speeds)
+
+
+def joined(segments: Sequence[Segment]) -> Segment:
+    """Segments of one path, each beginning where the one before it ends, as one."""
+    if len(segments) == 1:
+        return segments[0]
+    first, *others = segments
+    return Segment(
+        np.concatenate([first.states, *(one.states[:, 1:] for one in others)], axis=1),
+        np.concatenate(
+            [first.tangents[:, :-1], *(one.tangents[:, :-1] for one in others[:-1]), others[-1].tangents],
+            axis=1,
+        ),
+        np.concatenate([one.dense for one in segments], axis=1),
+        np.concatenate([one.speeds for one in segments], axis=1),
+        segments[-1].end,
+    )
 
 
 def work(equations: Equations, states: FloatArray, speeds: FloatArray) -> FloatArray:

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from simulator.model.conditions import modes, softest_mode
 from simulator.model.equations import Equations
+from simulator.model.symmetry import symmetry
 
 FloatArray = NDArray[np.float64]
 
 CROSSING = 1e-11  # a singular value this small, of rows of unit length, is zero: two curves cross
-_SOFT = 1e-8  # of the largest stiffness: an eigenvalue that is one of several that vanish together
+_SOFT = 1e-8  # of the largest stiffness: eigenvalues so close are one
 _PART = 1e-3  # of a unit mode: a balloon that takes part in it
 
 
@@ -76,15 +77,32 @@ def escape_direction(equations: Equations, state: FloatArray, direction: float) 
     return np.asarray(change / np.linalg.norm(change))
 
 
-def parting_direction(equations: Equations, state: FloatArray) -> FloatArray:
-    """How stretches part where they are not stable: the softest mode in which the first balloon grows most.
+def softest_change(equations: Equations, state: FloatArray) -> FloatArray:
+    """The softest mode as a change of the stretches, unit length, (n_balloons,)."""
+    change = _compliance(equations, state) * softest_mode(equations, state)
+    return np.asarray(change / np.linalg.norm(change))
 
-    With more than two equal balloons there are several softest modes, and the first balloon against all
-    others is the direction in which another branch leaves. Unit length, (n_balloons,).
+
+def parts_equal_balloons(equations: Equations, state: FloatArray) -> bool:
+    """Whether a state is softest against the parting of balloons that are alike in it."""
+    alike = symmetry(equations, state)
+    if alike is None:
+        return False
+    together = modes(alike.equations, alike.narrowed(state))[0][:1]
+    softest = modes(equations, state)[0][:1]
+    size = np.abs(equations.stiffness(state.tolist())[0]).max()
+    return bool(np.all(together - softest > _SOFT * size))
+
+
+def parting_direction(equations: Equations, state: FloatArray) -> FloatArray:
+    """How the stretches part: of all softest modes, what lets the first balloon concerned grow most.
+
+    With more than two equal balloons there are several soft modes, and the first balloon against all others
+    is the direction in which another branch leaves a branch point. Unit length, (n_balloons,).
     """
     diagonal, _ = equations.stiffness(state.tolist())
     sizes, vectors = modes(equations, state)
-    soft = vectors[:, sizes <= sizes[0] + 2.0 * _SOFT * max(np.abs(sizes).max(), np.abs(diagonal).max())]
+    soft = vectors[:, np.abs(sizes - sizes[0]) <= _SOFT * max(np.abs(sizes).max(), np.abs(diagonal).max())]
     first = int(np.argmax(np.abs(soft).max(axis=1) > _PART))
     change = _compliance(equations, state) * (soft @ soft[first])
     return np.asarray(change / np.linalg.norm(change))

@@ -21,7 +21,7 @@ from simulator.model.equations import State
 from simulator.model.groups import Group
 from simulator.results.history import EventKind, History, Outcome
 from simulator.scenario import Output, Scenario, Solver
-from simulator.solver import flow, newton, singular
+from simulator.solver import newton, overdamped, singular
 from simulator.solver.arclength import along
 from simulator.solver.ida import Effort
 from simulator.solver.segment import Cubics, work
@@ -283,7 +283,7 @@ class _Unpolished:
             return float(min(max(map(abs, equations.residual(y))) / softest - self.rtol, 1.0))
 
         margins = [*(condition.margin for condition in others), resting]
-        states, ended = flow.integrate(equations, margins, start, self.rtol, self.effort)
+        states, ended = overdamped.integrate(equations, margins, start, self.rtol, self.effort)
         self.jumps += 1
         self.slack = ended < len(others)
         return np.asarray(states[:, -1])

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from simulator.scenario import load_scenario
 from simulator.simulation import atlas
 from simulator.simulation.run import SolverError
-from simulator.solver import branch, certify, flow, landing, newton, proposals, singular
+from simulator.solver import branch, certify, flow, landing, newton, overdamped, proposals, singular
 from simulator.solver.certify import Proposal
 from simulator.solver.newton import NotConverged
 from tests.pairs import run
@@ -338,7 +338,7 @@ def _uphill(strikes: Strikes) -> AbstractContextManager[None]:
 
 
 def _drifting(strikes: Strikes) -> AbstractContextManager[None]:
-    integrate = flow.integrate
+    integrate = overdamped.integrate
 
     def disturbed(equations: Any, *rest: Any) -> tuple[FloatArray, int]:
         states, ended = integrate(equations, *rest)
