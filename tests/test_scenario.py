@@ -1044,8 +1044,8 @@ def test_tables_that_are_refused(tmp_path: Path, csv: str | bytes, expected: str
     [
         ('"none.csv"', "cannot be read, no such file or directory"),
         ('"."', "cannot be read, is a directory"),
-        ('""', "must be the path of a CSV file with columns time,voltage"),
-        ("3", "must be the path of a CSV file with columns time,voltage"),
+        ('""', "must be the path of a CSV file with columns time,voltage, or a table with its file"),
+        ("3", "must be the path of a CSV file with columns time,voltage, or a table with its file"),
     ],
 )
 def test_tables_that_are_not_there(tmp_path: Path, value: str, expected: str) -> None:

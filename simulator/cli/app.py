@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated, BinaryIO, NoReturn
 
 import typer
 
-from simulator.cli import sweep
+from simulator.cli import check_table, sweep
 from simulator.cli.summary import progress_bar, summarise_fold, summarise_run, summarise_trace
 
 if TYPE_CHECKING:
@@ -353,3 +353,4 @@ def _keep_partial(error: RuntimeError, history: History | None, directory: Path,
 
 
 sweep.register(app)  # last, so that the help begins with `run`
+check_table.register(app)
