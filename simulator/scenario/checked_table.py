@@ -65,6 +65,8 @@ class CheckedTable:
         The columns that are not read.
     rows, left_out : int
         The rows below the header, and those of them before time 0.
+    duration : float
+        How long the step takes, in s (or in the unit of a time without one).
     line : str
         What a step of a scenario says to read it so.
     """
@@ -76,6 +78,7 @@ class CheckedTable:
     others: tuple[str, ...]
     rows: int
     left_out: int
+    duration: float
     line: str
 
 
@@ -121,6 +124,7 @@ def check_table(
         others=tuple(name for i, name in enumerate(file.names) if i not in (time_at, voltage_at)),
         rows=columns.shape[1],
         left_out=columns.shape[1] - recording.times.size,
+        duration=float(recording.times[-1]),
         line=f"table = {_toml(path if _is_strict(path, recording) else written)}",
     )
 
@@ -210,8 +214,8 @@ def _written(
         written["offset"] = offset
     elif times[0] != 0.0:
         # A recording that passes time 0 was triggered there; another one begins with its first row.
-        shift = 0.0 if times[0] < 0.0 and (times == 0.0).any() else float(-times[0])
-        needs_unit = shift != 0.0 and time.unit not in ("", "-", "1", "s")
+        shift = 0 if times[0] < 0.0 and (times == 0.0).any() else float(-times[0])
+        needs_unit = shift != 0 and time.unit not in ("", "-", "1", "s")
         written["offset"] = f"{shift!r} {time.unit}" if needs_unit else shift
     named = {c.name: c.unit for c in read if c.unit and name_and_unit(c.name)[1] is None}
     if units := {name: unit for name, unit in named.items() if (name, unit) != (time.name, "s")}:
