@@ -485,6 +485,26 @@ def test_check_table_says_what_is_wrong(tmp_path, text, options, expected):
     assert expected in done.stderr
 
 
+# -- the how-to ----------------------------------------------------------------------------------------
+
+
+def test_the_how_to_says_what_comes_out(tmp_path, monkeypatch):
+    text = (Path(__file__).parent.parent / "docs" / "recordings.md").read_text()
+    recording, check, broken, one, by_name = (part.split("```")[0] for part in text.split("```")[1::2])
+    monkeypatch.chdir(tmp_path)
+    Path("two.csv").write_text(recording.lstrip("\n"))
+    assert check.strip() == f"$ balloons check-table two.csv\n{checked('two.csv').stdout.strip()}"
+    Path("broken.csv").write_text(recording.lstrip("\n").replace("2,0;2,00", "2,0;2,0O"))
+    assert broken.strip() == f"$ balloons check-table broken.csv\n{checked('broken.csv').stderr.strip()}"
+    for block in (one, by_name):
+        (step,) = tomllib.loads(block.removeprefix("toml"))["step"]
+        loaded = scenario(step["table"], scales=True)
+        assert step_of(loaded).times.tolist() == [0.0, 1.0, 2.0, 3.0]
+    history = simulate(loaded)
+    assert history.voltage[-1].tolist() == [0.0, 0.0]
+    assert history.voltage.max() * loaded.scales.voltage == pytest.approx(2e3)
+
+
 # -- speed ---------------------------------------------------------------------------------------------
 
 
