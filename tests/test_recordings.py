@@ -416,7 +416,7 @@ def test_check_table_says_what_it_would_read(tmp_path, amplifier, monkeypatch):
     assert lines[0] == 'amp.csv: header in row 3, separator ";", decimal ","'
     assert lines[1].split() == ["time", "time_s,", "-2", "to", "4", "s"]
     assert lines[2].split() == ["voltage", "CH1,", "0", "to", "0.25"]
-    assert lines[3].split(maxsplit=1) == ["rows", "5, the first 2 before time 0 and left out"]
+    assert lines[3].split(maxsplit=1) == ["rows", "5, 2 of them before time 0 and left out"]
     assert lines[4].split(maxsplit=1) == ["lasts", "4 s from time 0 on"]
     assert lines[5] == "  not read CH2, note"
     asked = tomllib.loads(lines[-1])["table"]

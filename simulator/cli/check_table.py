@@ -76,7 +76,7 @@ def _said(file: Path, checked: CheckedTable) -> list[str]:
         f"  rows     {checked.rows:,}",
     ]
     if checked.left_out:
-        lines[-1] += f", the first {checked.left_out:,} before time 0 and left out"
+        lines[-1] += f", {checked.left_out:,} of them before time 0 and left out"
     lines.append(f"  lasts    {checked.duration:g}{' s' if checked.time.unit else ''} from time 0 on")
     if checked.others:
         lines.append(f"  not read {', '.join(checked.others)}")
