@@ -947,7 +947,11 @@ def test_all_figures_are_shipped() -> None:
     assert {"fig2_inflation", *figures} <= {path.stem for path in SHIPPED}
 
 
-def test_the_example_of_the_reference_is_valid() -> None:
+def test_the_example_of_the_reference_is_valid(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("left.csv").write_text("time,voltage\n0,0\n1,0.5\n")
+    Path("rec.csv").write_text("Amplifier\ntime_s;CH1;CH2\n1,5;0;0\n2;0,5;0,1\n3;0;0\n")
+    scales = {"shear_modulus": "45 kPa", "thickness": "0.5 mm", "radius": "20 mm", "permittivity": 4.7}
     page = (Path(__file__).parent.parent / "docs" / "scenario-format.md").read_text(encoding="utf-8")
     examples = [block.split("```")[0] for block in page.split("```toml\n")[1:]]
     assert load_scenario(tomllib.loads(examples[0])).electroded == ("active",)
@@ -956,7 +960,7 @@ def test_the_example_of_the_reference_is_valid() -> None:
             {"name": name, "electrodes": True, "elastomer": {"model": "neo-hookean"}}
             for name in ("left", "right")
         ]
-        load_scenario({**minimal(balloon=names), **tomllib.loads(example)})
+        load_scenario({**minimal(balloon=names, scales=scales), **tomllib.loads(example)})
 
 
 # -- tables --------------------------------------------------------------------------------------------
@@ -1044,8 +1048,8 @@ def test_tables_that_are_refused(tmp_path: Path, csv: str | bytes, expected: str
     [
         ('"none.csv"', "cannot be read, no such file or directory"),
         ('"."', "cannot be read, is a directory"),
-        ('""', "must be the path of a CSV file with columns time,voltage"),
-        ("3", "must be the path of a CSV file with columns time,voltage"),
+        ('""', "must be the path of a CSV file with columns time,voltage, or a table with its file"),
+        ("3", "must be the path of a CSV file with columns time,voltage, or a table with its file"),
     ],
 )
 def test_tables_that_are_not_there(tmp_path: Path, value: str, expected: str) -> None:

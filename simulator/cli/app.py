@@ -13,7 +13,7 @@ from typing import Annotated
 
 import typer
 
-from simulator.cli import history, materials, paths, sweep
+from simulator.cli import check_table, history, materials, paths, sweep
 
 app = typer.Typer(
     name="balloons",
@@ -51,6 +51,7 @@ app.command()(paths.trace)
 app.command()(paths.fold)
 app.command()(materials.explain)
 app.command()(materials.presets)
+app.command("check-table")(check_table.check_table)
 app.command()(sweep.sweep)
 app.command("map")(sweep.draw_map)
 app.command()(sweep.optimize)

@@ -349,3 +349,43 @@ def triangles(
             moving = ramp(line.coordinate(voltages[i]), line.coordinate(target))
             legs.append(Leg(line, moving, start / cycles, end / cycles))
     return tuple(legs)
+
+
+def polygon(times: FloatArray, voltages: FloatArray) -> tuple[Leg, ...]:
+    """Straight legs from row to row of a table with a voltage for each electrode.
+
+    Rows that follow each other along one line share a leg: where one voltage alone moves, all of them do.
+
+    Parameters
+    ----------
+    times : (n,) array
+        They rise from 0.
+    voltages : (n, n_electroded) array
+    """
+    start, change = voltages[:-1], np.diff(voltages, axis=0)
+    segments = np.arange(len(change))
+    leader = np.argmax(np.abs(change), axis=1)
+    largest = change[segments, leader]
+    moves = largest != 0.0
+    # Each segment on its line, as `VoltageLine.through` has it; one that stands still is on its neighbour's.
+    rate = change / np.where(moves, largest, 1.0)[:, None]
+    along = rate * start[segments, leader][:, None]
+    through_zero = np.abs(start - along) <= _ROUNDING * np.maximum(np.abs(start), np.abs(along))
+    through_zero[segments, leader] = True
+    offset = np.where(through_zero, 0.0, start - along)
+    if not moves.any():
+        line = VoltageLine.still(voltages[0].tolist())
+        return (Leg(line, Waveform(times / times[-1], np.zeros(len(times)))),)
+    owner = np.maximum.accumulate(np.where(moves, segments, int(np.argmax(moves))))
+    lines = np.hstack([rate, offset])[owner]
+    first = np.flatnonzero(np.append(True, (lines[1:] != lines[:-1]).any(axis=1)))
+    last = np.append(first[1:], len(change))
+    whole = float(times[-1])
+    legs = []
+    for i, j, own in zip(first.tolist(), last.tolist(), owner[first].tolist(), strict=True):
+        line = VoltageLine(tuple(offset[own].tolist()), tuple(rate[own].tolist()))
+        begin, end = float(times[i]), float(times[j])
+        fractions = (times[i : j + 1] - begin) / (end - begin)
+        wave = Waveform(fractions, voltages[i : j + 1, leader[own]])
+        legs.append(Leg(line, wave, begin / whole, end / whole))
+    return tuple(legs)

@@ -32,6 +32,7 @@ from simulator.scenario.elastomer import (
 )
 from simulator.scenario.errors import Problem, ScenarioError
 from simulator.scenario.presets import PRESETS
+from simulator.scenario.recordings import Recording, RecordingByName
 from simulator.scenario.scales import Reference
 from simulator.scenario.settings import Dynamics, Output, Shape, Solver
 from simulator.scenario.steps import (
@@ -88,6 +89,8 @@ __all__ = [
     "Problem",
     "Python",
     "Ramp",
+    "Recording",
+    "RecordingByName",
     "Reference",
     "Scenario",
     "ScenarioError",

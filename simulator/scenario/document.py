@@ -116,7 +116,8 @@ class Scenario(Frozen):
         ----------
         values : mapping of str to value
             By dotted key, as in messages: `gas.ambient_pressure`, `step.2.ramp`, `balloon.*.radius` (all
-            of them) or `balloon.active.radius`. With [scales] a text such as "20 kPa" is allowed too.
+            of them) or `balloon.active.radius`. With [scales] a text such as "20 kPa" is allowed too. The
+            path of a table starts at the folder of the scenario's file.
 
         Raises
         ------
@@ -137,7 +138,7 @@ class Scenario(Frozen):
             key = str(error.args[0])
             allowed = f"no such key, {near(key, all_values(written))}"
             raise ScenarioError(self.file, Problem(key, None, allowed)) from None
-        return _validated(changed, self.file, "")
+        return _validated(changed, self.file, os.path.dirname(self.file))
 
     def played_steps(self) -> Iterator[PlayedStep]:
         """Steps in the order they are played, cycles unrolled, one at a time."""

@@ -22,12 +22,12 @@ from simulator.scenario.fields import (
     Pressure,
     Time,
     Voltage,
-    absolute,
     by_name,
     not_empty,
     refused,
 )
 from simulator.scenario.reading import column, read_table
+from simulator.scenario.recordings import Recording, RecordingByName, recorded
 from simulator.units import as_written
 
 Valve = Annotated[Literal["closed", "open"], Field(description='"closed" or "open"')]
@@ -241,31 +241,45 @@ class Triangle(Frozen):
 
 
 class Table(Frozen):
-    """Voltage of all electrodes from a CSV file, linear between its rows.
+    """Voltages from CSV files, linear between rows: one for all electrodes, or recordings by balloon name.
 
-    The file is read once, when the scenario is loaded; `table` is its absolute path from then on.
+    The file is read once, when the scenario is loaded; a path in `table` is absolute from then on.
     """
 
-    table: Annotated[str, AfterValidator(absolute)] = Field(
-        strict=True, min_length=1, description="the path of a CSV file with columns time,voltage"
-    )
+    table: Annotated[
+        str | Recording | RecordingByName,
+        Chosen(recorded),
+        Field(description="the path of a CSV file with columns time,voltage, or a table with its file"),
+    ]
     valve: Valve = "closed"
     until: OptionalUntil = None
     _samples: bytes = PrivateAttr(default=b"")
 
     def model_post_init(self, context: Any, /) -> None:
         """Read the file."""
-        self._samples = read_table(self.table, (context or {}).get("scales"))
+        if isinstance(self.table, str):
+            self._samples = read_table(self.table, (context or {}).get("scales"))
 
     @property
     def times(self) -> NDArray[np.float64]:
-        """Times of the rows from the start of the step, (n,) read-only; the first is 0."""
-        return column(self._samples, 0)
+        """Times of the rows from the start of the step, (n,) read-only; the first is 0.
+
+        Of recordings by name the times of all their rows.
+        """
+        return column(self._samples, 0) if isinstance(self.table, str) else self.table.times
 
     @property
     def voltages(self) -> NDArray[np.float64]:
-        """Voltages of the rows, (n,) read-only."""
-        return column(self._samples, 1)
+        """Voltages of the rows, (n,) read-only.
+
+        Raises
+        ------
+        TypeError
+            Of recordings by name: each has its own, `table.voltages`.
+        """
+        if isinstance(self.table, RecordingByName):
+            raise TypeError("recordings by name have voltages of their own, see table.voltages")
+        return self.table.voltages if isinstance(self.table, Recording) else column(self._samples, 1)
 
 
 class Cycle(Frozen):

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from simulator.model import drive, groups
 from simulator.model.drive import Leg, Quantity, VoltageLine, Way
 from simulator.scenario import (
@@ -14,6 +16,7 @@ from simulator.scenario import (
     Inflate,
     Jump,
     Ramp,
+    RecordingByName,
     Sine,
     SineByName,
     SineWave,
@@ -143,6 +146,10 @@ def motion(
                 [p.phase if p else 0.0 for p in sides],
                 triangles.cycles,
             )
+        case Table(table=RecordingByName() as recordings):
+            found = recordings.voltages
+            rows = [found.get(name, now) for name, now in zip(electroded, voltage, strict=True)]
+            return drive.polygon(step.times, np.stack(np.broadcast_arrays(*rows, step.times)[:-1], axis=1))
         case Table():
             wave = drive.table(step.times, step.voltages)
     return (Leg(VoltageLine.common(len(electroded)), wave),)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -30,12 +31,15 @@ class Axis:
         Written behind each number in the scenario; "" for none.
     log : bool
         Whether an interval is drawn from evenly in the logarithm.
+    folder : str
+        Where the values, which are paths, start; "" for the current directory and for what is no path.
     """
 
     key: str
     values: tuple[Value, ...]
     unit: str = ""
     log: bool = False
+    folder: str = ""
 
     @property
     def kind(self) -> str:
@@ -54,6 +58,8 @@ class Axis:
 
     def written(self, value: Value) -> Value:
         """A value as it stands in the scenario."""
+        if isinstance(value, str) and self.folder:
+            return os.path.join(self.folder, value)
         return f"{value!r}{self.unit}" if self.unit else value
 
 

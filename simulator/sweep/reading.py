@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -168,7 +169,11 @@ def read_sweep(source: SweepLike, *, file: str | None = None) -> Sweep:
     except ValidationError as error:
         raise ScenarioError(file, *problems_of(error, _quoted)) from None
     scenario = load_scenario(os.path.join(folder, read.scenario) if base is None else base)
-    axes = tuple(_as_axis(key, values) for key, values in read.vary.items())
+    home = os.path.dirname(os.path.abspath(scenario.file)) if base is None else ""
+    axes = tuple(
+        replace(_as_axis(key, values), folder=home if _is_path(key) else "")
+        for key, values in read.vary.items()
+    )
     problems = [*_of_form(read, axes)]
     problems = problems or [*_of_keys(scenario, read, axes)]
     if problems:
@@ -229,6 +234,12 @@ def _as_axis(key: str, values: Range | tuple[Value, ...]) -> Axis:
         return Axis(key, (low, high), unit, log)
     spaced = np.geomspace if log else np.linspace
     return Axis(key, tuple(spaced(low, high, values.points).tolist()), unit, log)
+
+
+def _is_path(key: str) -> bool:
+    """Whether a key of the scenario holds the path of a table or a recording."""
+    *above, last = key.split(".")
+    return last == "table" or (last == "file" and "table" in above)
 
 
 def _of_form(read: SweepFile, axes: tuple[Axis, ...]) -> Iterator[Problem]:
@@ -335,8 +346,11 @@ def _table_files(job: Job) -> list[str]:
 
     def search(value: Any) -> None:
         if isinstance(value, Mapping):
-            if isinstance(table := value.get("table"), str):
-                found.setdefault(os.path.abspath(table))
+            # By now paths are absolute; a balloon called table may have a voltage of "8 kV".
+            paths = (value.get("table"), value.get("file"))
+            found.update(
+                dict.fromkeys(path for path in paths if isinstance(path, str) and os.path.isabs(path))
+            )
             for item in value.values():
                 search(item)
         elif isinstance(value, list | tuple):
@@ -345,8 +359,8 @@ def _table_files(job: Job) -> list[str]:
 
     search(job.scenario)
     for axis in job.axes:
-        if axis.key.endswith(".table"):
-            found.update(dict.fromkeys(os.path.abspath(str(value)) for value in axis.values))
+        if _is_path(axis.key):
+            found.update(dict.fromkeys(os.path.abspath(str(axis.written(value))) for value in axis.values))
     return list(found)
 
 

@@ -11,6 +11,7 @@ from simulator.scenario import (
     Inflate,
     Jump,
     Ramp,
+    RecordingByName,
     Scenario,
     Sine,
     SineWave,
@@ -78,7 +79,7 @@ def programme(scenario: Scenario) -> tuple[Move, ...]:
             case Triangle(triangle=TriangleWave() as sides):
                 values = drive.triangle(sides.low, sides.high, sides.cycles).values
                 move = Move("wave", step.valve == "open", number, tuple(values.tolist()))
-            case Table():
+            case Table(table=table) if not isinstance(table, RecordingByName):
                 values = drive.table(step.times, step.voltages).values
                 move = Move("wave", step.valve == "open", number, tuple(values.tolist()))
             case _:
