@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from simulator.analysis.trace import sealed_state, trace
+from simulator.model.conditions import Condition, gradient
 from simulator.simulation.run import SolverError, simulate
 from simulator.solver import newton, segment
 from simulator.solver.branch import Branch
@@ -106,3 +107,26 @@ def test_work_that_is_not_what_the_potential_lost_is_an_error(monkeypatch):
     monkeypatch.setattr(Branch, "work_between", lambda self, a, b: right(self, a, b) * (1.0 + 1e-7))
     with pytest.raises(SolverError, match=r"the work along a branch, .*, is not what the potential lost"):
         simulate(pair(1.2, {"ramp": 0.3}, ambient=0.015))
+
+
+@pytest.mark.parametrize("way", [1, -1], ids=["up", "down"])
+@pytest.mark.parametrize("order", [1, -1])
+def test_of_two_events_stepped_over_between_the_same_two_points_the_nearer_ends_the_path(way, order):
+    branch = branch_up_to(0.3)
+    points, directions = branch.states[:, 3:5][:, ::way], way * branch.tangents[:, 3:5][:, ::way]
+    start, target = points[-1]
+
+    def fallen_between(kind, first, last):
+        """Negative from one share of the way to another, positive again at the target."""
+
+        def margin(y):
+            share = (y[-1] - start) / (target - start)
+            return (share - first) * (share - last)
+
+        return Condition(kind, margin, lambda y: gradient(margin, y))
+
+    nearer, further = fallen_between("nearer", 0.2, 0.7), fallen_between("further", 0.4, 0.9)
+    proposal = Proposal(points, directions, 2)
+    found = certified(branch.equations, (nearer, further)[::order], proposal, target)
+    assert found.end == "nearer"
+    assert found.states[-1, -1] == pytest.approx(0.8 * start + 0.2 * target, abs=1e-14)
