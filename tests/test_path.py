@@ -8,7 +8,7 @@ import pytest
 from simulator.analysis.trace import sealed_state, trace
 from simulator.model.conditions import Condition, gradient
 from simulator.simulation.run import SolverError, simulate
-from simulator.solver import newton, segment
+from simulator.solver import flow, newton, segment, singular
 from simulator.solver.branch import Branch
 from simulator.solver.certify import Proposal, certified
 from simulator.solver.follow import PathError, follow
@@ -130,3 +130,24 @@ def test_of_two_events_stepped_over_between_the_same_two_points_the_nearer_ends_
     found = certified(branch.equations, (nearer, further)[::order], proposal, target)
     assert found.end == "nearer"
     assert found.states[-1, -1] == pytest.approx(0.8 * start + 0.2 * target, abs=1e-14)
+
+
+def test_a_snap_that_falls_back_to_its_limit_point_is_an_error(monkeypatch):
+    """It is integrated tightly once more; what comes back all the same is not taken for a rest."""
+    branch = branch_up_to(0.3)
+    branch.reach(1.0, 1e-3, Effort())
+    assert branch.upper is not None
+    fold = branch.upper.state
+    escape = singular.escape_direction(branch.equations, fold, 1.0)
+    others, asked = branch.conditions[1:], []
+
+    def nowhere(*arguments, tight, **more):
+        asked.append(tight)
+        return flow.Rest(fold.copy(), None)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(flow, "relax", nowhere)
+        with pytest.raises(flow.FlowError, match="fell back"):
+            flow.snap(branch.equations, others, fold, escape, Effort())
+    assert asked == [False, True]
+    assert flow.snap(branch.equations, others, fold, escape, Effort()).state[0] > fold[0] + 0.1

@@ -572,3 +572,11 @@ def test_equal_actuators_part_one_against_all_others(count, ambient):
     assert np.all(after[1:, 0] > after[1:, 1])
     assert np.ptp(after[:, 1:], axis=1).max() < 1e-9
     assert history.energy_balance.relative_imbalance < 1e-8
+
+
+@pytest.mark.parametrize("low", [1e-6, 1e-9, 1e-12])
+@pytest.mark.parametrize("step", ["ramp", "jump"])
+def test_however_low_a_voltage_it_is_applied(step, low):
+    history = run(pair(1.2, {step: low}, {"ramp": 0.0}, ambient=0.015))
+    assert history.voltage.max() == low
+    assert history.voltage[-1, 0] == 0.0
