@@ -55,6 +55,13 @@ def test_a_branch_knows_what_it_has_seen():
     assert history.statistics.ida_solves == 1  # the inflation needs none
 
 
+def test_letting_air_out_beyond_what_is_known_needs_no_integration():
+    """As little as letting it in does: all that is integrated is the snap."""
+    inflated, deflated = run(pair(3.0)), run(pair(3.0, {"inflate": 1.0}))
+    assert inflated.stretch[-1, 0] > deflated.stretch[-1, 0] > 5.0
+    assert deflated.statistics.ida_solves == inflated.statistics.ida_solves
+
+
 def branch_up_to(v: float) -> Branch:
     """The first branch of 3c B, followed from no voltage."""
     _, group, start = sealed_state(pair(1.2, {"ramp": v}, ambient=0.015))

@@ -580,3 +580,16 @@ def test_however_low_a_voltage_it_is_applied(step, low):
     history = run(pair(1.2, {step: low}, {"ramp": 0.0}, ambient=0.015))
     assert history.voltage.max() == low
     assert history.voltage[-1, 0] == 0.0
+
+
+def test_equal_actuators_part_alike_under_voltages_of_either_sign():
+    """The stress goes with φ²: all that differs is that the branch they leave on is followed downwards."""
+    up, down = (
+        run(several(2, (0, 1), [{"inflate": 1.2}, {"ramp": v}, {"ramp": 0.0}], ambient=1.0))
+        for v in (0.6, -0.6)
+    )
+    assert kinds(down) == kinds(up)
+    assert EventKind.BRANCH_POINT in {event.kind for event in down.events}
+    assert down.voltage == pytest.approx(-up.voltage, abs=1e-15)
+    assert down.stretch == pytest.approx(up.stretch, abs=1e-9)
+    assert down.energy_balance.relative_imbalance < 1e-8
