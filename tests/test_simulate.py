@@ -593,3 +593,16 @@ def test_equal_actuators_part_alike_under_voltages_of_either_sign():
     assert down.voltage == pytest.approx(-up.voltage, abs=1e-15)
     assert down.stretch == pytest.approx(up.stretch, abs=1e-9)
     assert down.energy_balance.relative_imbalance < 1e-8
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_sealed_under_a_voltage_without_pressure_only_more_of_it_loses_tension(sign):
+    """Whichever its sign: a larger φ² wants more volume than the gas fills at p = 0, a smaller one less."""
+    before = [{"ramp": sign * 0.1, "valve": "open"}]
+    more = run(pair(0.0, *before, {"ramp": sign * 0.2}))
+    assert kinds(more) == ["loss_of_tension"]
+    assert more.events[0].time == more.time[more.step == 2][-1]
+    assert more.events[0].voltage == pytest.approx([sign * 0.1], abs=1e-15)
+    less = run(pair(0.0, *before, {"ramp": sign * 0.05}))
+    assert kinds(less) == []
+    assert less.pressure[-1] > 0.0
