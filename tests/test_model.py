@@ -196,6 +196,17 @@ def test_smallest_eigenvalue(parts, coupling):
     assert COUPLED.eigenvalue(*rows, 0) == pytest.approx([exact[0]] * 2, abs=1e-11)
 
 
+@pytest.mark.parametrize(
+    ("diagonal", "squares"),
+    [([-1.0, -8.4e-88, -1.0, -1.0], [0.0, 1.0, 0.0, 0.0]), ([-1e-140, -1.0, -2.0], [1.0, 0.5, 0.5])],
+)
+def test_eigenvalues_beside_a_pole_that_is_all_but_zero(diagonal, squares):
+    arms = np.sqrt(squares)
+    exact = np.linalg.eigvalsh(np.diag(diagonal) + np.outer(arms, arms))
+    found = [COUPLED.eigenvalue(diagonal, squares, place) for place in range(len(diagonal))]
+    assert found == pytest.approx(exact, abs=1e-14)
+
+
 @pytest.mark.parametrize("count", range(2, 13))
 @pytest.mark.parametrize("spectrum", [COUPLED, CONSTRAINED], ids=["gas", "liquid"])
 def test_eigenvalues_next_to_a_stretch_limit(spectrum, count):

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from simulator.analysis.trace import sealed_state, trace
+from simulator.model.conditions import Condition, gradient
 from simulator.simulation.run import SolverError
-from simulator.solver import newton, segment
+from simulator.solver import flow, newton, segment, singular
 from simulator.solver.branch import Branch
 from simulator.solver.certify import Proposal, certified
 from simulator.solver.follow import PathError, follow
@@ -53,6 +54,13 @@ def test_a_branch_knows_what_it_has_seen():
     history = run(pair(0.6, {"ramp": 0.3}, {"ramp": 0.1}, {"ramp": 0.25}, {"ramp": 0.0}))
     assert history.statistics.branches == 2  # the inflation's, one for both balloons, and the sealed pair's
     assert history.statistics.ida_solves == 1  # the inflation needs none
+
+
+def test_letting_air_out_beyond_what_is_known_needs_no_integration():
+    """As little as letting it in does: all that is integrated is the snap."""
+    inflated, deflated = run(pair(3.0)), run(pair(3.0, {"inflate": 1.0}))
+    assert inflated.stretch[-1, 0] > deflated.stretch[-1, 0] > 5.0
+    assert deflated.statistics.ida_solves == inflated.statistics.ida_solves
 
 
 def branch_up_to(v: float) -> Branch:
@@ -107,3 +115,47 @@ def test_work_that_is_not_what_the_potential_lost_is_an_error(monkeypatch):
     monkeypatch.setattr(Branch, "work_between", lambda self, a, b: right(self, a, b) * (1.0 + 1e-7))
     with pytest.raises(SolverError, match=r"the work along a branch, .*, is not what the potential lost"):
         run(pair(1.2, {"ramp": 0.3}, ambient=0.015))
+
+
+@pytest.mark.parametrize("way", [1, -1], ids=["up", "down"])
+@pytest.mark.parametrize("order", [1, -1])
+def test_of_two_events_stepped_over_between_the_same_two_points_the_nearer_ends_the_path(way, order):
+    branch = branch_up_to(0.3)
+    points, directions = branch.states[:, 3:5][:, ::way], way * branch.tangents[:, 3:5][:, ::way]
+    start, target = points[-1]
+
+    def fallen_between(kind, first, last):
+        """Negative from one share of the way to another, positive again at the target."""
+
+        def margin(y):
+            share = (y[-1] - start) / (target - start)
+            return (share - first) * (share - last)
+
+        return Condition(kind, margin, lambda y: gradient(margin, y))
+
+    nearer, further = fallen_between("nearer", 0.2, 0.7), fallen_between("further", 0.4, 0.9)
+    proposal = Proposal(points, directions, 2)
+    found = certified(branch.equations, (nearer, further)[::order], proposal, target)
+    assert found.end == "nearer"
+    assert found.states[-1, -1] == pytest.approx(0.8 * start + 0.2 * target, abs=1e-14)
+
+
+def test_a_snap_that_falls_back_to_its_limit_point_is_an_error(monkeypatch):
+    """It is integrated tightly once more; what comes back all the same is not taken for a rest."""
+    branch = branch_up_to(0.3)
+    branch.reach(1.0, 1e-3, Effort())
+    assert branch.upper is not None
+    fold = branch.upper.state
+    escape = singular.escape_direction(branch.equations, fold, 1.0)
+    others, asked = branch.conditions[1:], []
+
+    def nowhere(*arguments, tight, **more):
+        asked.append(tight)
+        return flow.Rest(fold.copy(), None)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(flow, "relax", nowhere)
+        with pytest.raises(flow.FlowError, match="fell back"):
+            flow.snap(branch.equations, others, fold, escape, Effort())
+    assert asked == [False, True]
+    assert flow.snap(branch.equations, others, fold, escape, Effort()).state[0] > fold[0] + 0.1

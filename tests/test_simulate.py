@@ -573,3 +573,37 @@ def test_equal_actuators_part_one_against_all_others(count, ambient):
     assert np.all(after[1:, 0] > after[1:, 1])
     assert np.ptp(after[:, 1:], axis=1).max() < 1e-9
     assert history.energy_balance.relative_imbalance < 1e-8
+
+
+@pytest.mark.parametrize("low", [1e-6, 1e-9, 1e-12])
+@pytest.mark.parametrize("step", ["ramp", "jump"])
+def test_however_low_a_voltage_it_is_applied(step, low):
+    history = run(pair(1.2, {step: low}, {"ramp": 0.0}, ambient=0.015))
+    assert history.voltage.max() == low
+    assert history.voltage[-1, 0] == 0.0
+
+
+def test_equal_actuators_part_alike_under_voltages_of_either_sign():
+    """The stress goes with φ²: all that differs is that the branch they leave on is followed downwards."""
+    up, down = (
+        run(several(2, (0, 1), [{"inflate": 1.2}, {"ramp": v}, {"ramp": 0.0}], ambient=1.0))
+        for v in (0.6, -0.6)
+    )
+    assert kinds(down) == kinds(up)
+    assert EventKind.BRANCH_POINT in {event.kind for event in down.events}
+    assert down.voltage == pytest.approx(-up.voltage, abs=1e-15)
+    assert down.stretch == pytest.approx(up.stretch, abs=1e-9)
+    assert down.energy_balance.relative_imbalance < 1e-8
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_sealed_under_a_voltage_without_pressure_only_more_of_it_loses_tension(sign):
+    """Whichever its sign: a larger φ² wants more volume than the gas fills at p = 0, a smaller one less."""
+    before = [{"ramp": sign * 0.1, "valve": "open"}]
+    more = run(pair(0.0, *before, {"ramp": sign * 0.2}))
+    assert kinds(more) == ["loss_of_tension"]
+    assert more.events[0].time == more.time[more.step == 2][-1]
+    assert more.events[0].voltage == pytest.approx([sign * 0.1], abs=1e-15)
+    less = run(pair(0.0, *before, {"ramp": sign * 0.05}))
+    assert kinds(less) == []
+    assert less.pressure[-1] > 0.0

@@ -42,10 +42,8 @@ def check_table(
     separator = "\t" if separator == r"\t" else separator
     for name, given, allowed in (("--separator", separator, None), ("--decimal", decimal, (".", ","))):
         if given is not None and (len(given) != 1 or (allowed and given not in allowed)):
-            fail(
-                f"{name} {given}: must be {'one character' if allowed is None else 'a point or a comma'}",
-                BAD_INPUT,
-            )
+            rule = "one character" if allowed is None else "a point or a comma"
+            fail(f"{name} {given}: must be {rule}", BAD_INPUT)
     if separator is not None and separator == decimal:
         fail(f"--decimal {decimal}: must differ from the separator", BAD_INPUT)
     try:

@@ -28,7 +28,8 @@ Number = Any
 _LEAST = float(np.finfo(float).tiny)
 _EPS = float(np.finfo(float).eps)
 _CLOSEST = 1e-150  # two d closer than this are one: the squares of their distances are no numbers
-_MOST_ITERATIONS = 200
+_MOST_ITERATIONS = 2000
+_PATIENCE = 16  # iterations in which the bounds must come together by half
 
 
 class Spectrum(Protocol):
@@ -210,7 +211,13 @@ def _root(diagonal: Sequence[float], squares: Sequence[float], place: int, const
         return above
     low, high = below, above
     x = 0.0 if low < 0.0 < high else 0.5 * (low + high)
-    for _ in range(_MOST_ITERATIONS):
+    width = high - low
+    for count in range(1, _MOST_ITERATIONS + 1):
+        if count % _PATIENCE == 0:
+            # Close beside a pole a step may only double the distance to it.
+            if high - low > 0.5 * width:
+                x = 0.5 * (low + high)
+            width = high - low
         if not low < x < high:
             x = 0.5 * (low + high)
             if not low < x < high:
@@ -242,7 +249,7 @@ def _root(diagonal: Sequence[float], squares: Sequence[float], place: int, const
         if abs(step) <= _EPS * abs(x):
             return x + step
         x += step
-    return 0.5 * (low + high)
+    raise ArithmeticError("the softest mode was not found")
 
 
 def _uncoupled(pairs: Sequence[tuple[float, float]], d: float) -> bool:

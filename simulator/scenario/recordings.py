@@ -162,10 +162,10 @@ def _read(recording: Recording, scales: Scales | None) -> FloatArray:
     if places["time"] == places["voltage"]:
         raise RecordingError("must be another column than that of the time", ("voltage",), recording.voltage)
     known = {key: (asked[key] or key, *_names(file, place)) for key, place in places.items()}
-    for column, unit in recording.units.items():
-        if not any(column in names for names in known.values()):
+    for named, unit in recording.units.items():
+        if not any(named in names for names in known.values()):
             columns = " and ".join(names[0] for names in known.values())
-            raise RecordingError(f"must be of a column that is read, {columns}", ("units", column), unit)
+            raise RecordingError(f"must be of a column that is read, {columns}", ("units", named), unit)
     factors = []
     for key, place in places.items():
         name = next((name for name in known[key] if name in recording.units), None)
