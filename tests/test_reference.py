@@ -209,6 +209,12 @@ def test_cases_of_jumps():
     assert reference.events[-1].balloon == "b1"
     assert reference.end.stretch[0] == pytest.approx(1.09602, abs=1e-5)
 
+    reference = play(CASES / "snap-open-valve-breakdown.toml")
+    assert kinds(reference) == ["limit_point", "breakdown"]
+    assert reference.undecided is None
+    voltage = reference.end.voltage[0]
+    assert reference.end.stretch == pytest.approx([math.sqrt(2.0 / voltage)] * 2, rel=1e-9)
+
     reference = play(CASES / "jump-opens-valve.toml")
     assert (kinds(reference), reference.outcome) == (["jump"], "completed")
     assert reference.end.stretch[0] == pytest.approx(1.08393, abs=1e-5)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize_scalar
 
 from tests.oracle.general import points
-from tests.oracle.general.equations import Equations
+from tests.oracle.general.equations import Equations, evened
 from tests.oracle.general.points import PathError
 
 FloatArray = NDArray[np.float64]
@@ -278,12 +278,8 @@ class Side:
             raise PathError(f"{name[0]} near {guess.tolist()} could not be polished")
         kind, balloon = name
         if mode is not None:
-            load = self.eq.load(y.tolist())
-            size = float(np.linalg.norm(load))
-            push = abs(float(mode @ load)) / size if size > 0.0 else 0.0
-            kind = "limit_point" if push > 1e-8 else "branch_point"
-            if 1e-10 < push < 1e-5:
-                doubt = f"a fold or a branch point, {push:.2g}"
+            kind, unsure = self._kind_of(y, mode)
+            doubt = doubt or unsure
         others = [
             self.eq.margin(n, y.tolist()) for n in self.eq.margin_names() if n != name and n[0] != "singular"
         ]
@@ -291,13 +287,25 @@ class Side:
             raise PathError(f"{kind} beyond another event")
         return End(kind, balloon, y, mode, doubt)
 
+    def _kind_of(self, y: FloatArray, mode: FloatArray) -> tuple[str, str | None]:
+        """A limit point if the drive pushes along the soft mode, else a branch point; what is doubtful."""
+        load = self.eq.load(y.tolist())
+        parts, size = np.abs(mode * load), float(np.linalg.norm(load))
+        push = abs(float(mode @ load))
+        share = push / max(float(np.sum(parts)), 1e-300)  # small where the parts cancel
+        near = push / max(size, 1e-300)
+        kind = "limit_point" if share > 1e-8 and near > 1e-12 else "branch_point"
+        if 1e-11 < share < 1e-5 or (share > 1e-5 and 1e-14 < near < 1e-10):
+            return kind, f"a fold or a branch point, {share:.2g}, {near:.2g}"
+        return kind, None
+
     def _symmetric(self, guess: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """The singular state near `guess` in which balloons that are alike are stretched alike, if any.
 
         At a branch point all equations for a singular state are singular themselves; not so among symmetric
         ones.
         """
-        even = self.eq.evened(guess)
+        even = evened(guess, self.eq.alike(guess, NEARLY_EVEN))
         scales = self.eq.scales(guess)
         if np.max(np.abs(even - guess) / scales) > NEARLY_EVEN or np.array_equal(even, guess):
             return None

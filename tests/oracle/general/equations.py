@@ -270,17 +270,16 @@ class Equations:
             found.setdefault((b.mechanics, load), []).append(i)
         return [places for places in found.values() if len(places) > 1]
 
-    def is_even(self, y: FloatArray) -> bool:
-        """Whether balloons that are alike are stretched alike, and there are some."""
-        return bool(self.classes) and all(
-            abs(y[i] - y[places[0]]) <= 1e-14 * abs(y[i]) for places in self.classes for i in places
-        )
-
-    def evened(self, y: FloatArray) -> FloatArray:
-        """A state, or a change of one, averaged over balloons that are alike."""
-        out = y.copy()
+    def alike(self, y: FloatArray, within: float = 1e-14) -> list[list[int]]:
+        """Places of balloons that are alike and stretched alike, together; without single ones."""
+        out = []
         for places in self.classes:
-            out[places] = np.mean(y[places])
+            rest = list(places)
+            while rest:
+                same = [i for i in rest if abs(y[i] - y[rest[0]]) <= within * abs(y[rest[0]])]
+                rest = [i for i in rest if i not in same]
+                if len(same) > 1:
+                    out.append(same)
         return out
 
     def scales(self, y: FloatArray) -> FloatArray:
@@ -314,3 +313,11 @@ class Equations:
                 sizes.append(max(unit, 0.3 * abs(value)) / abs(rate))
         size = min(sizes, default=1.0)
         return min(size, 0.2) if isinstance(self.way, Sines) else size
+
+
+def evened(y: FloatArray, alike: Sequence[Sequence[int]]) -> FloatArray:
+    """A state, or a change of one, averaged over balloons that are alike."""
+    out = y.copy()
+    for places in alike:
+        out[list(places)] = np.mean(y[list(places)])
+    return out

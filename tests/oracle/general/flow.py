@@ -28,7 +28,7 @@ SAME = 1e-7  # what two integrators may differ by
 SLOW = 1e-7  # a speed on the way that tells of an equilibrium passed closely
 CLOSE = 1e-8  # a margin on the way that tells of an event passed closely
 OFF = 1e-4  # relative distance at which a flow begins beside an equilibrium
-MOST_STEPS = 4000
+MOST_STEPS = 2500
 SIDES = (1.0, -1.0)
 
 
@@ -150,15 +150,16 @@ def _by_two_methods(motion: Motion, start: FloatArray, other: FloatArray, off: f
     """Ends of a flow by the first two integrators that come to one; each is at a loss with some flow."""
     found: list[Rest] = []
     failure: FlowError | None = None
-    for method in (LSODA, Radau, BDF):
-        coarse = found and found[0].kind is None and method is Radau
-        try:
-            x = other if found else start
-            found.append(_followed(motion, x, method, 1e-8 if coarse else 1e-9 if found else 1e-10, off))
-        except FlowError as error:
-            failure = error
-        if len(found) == 2:
-            return found[0], found[1]
+    for looser in (1.0, 100.0):  # rounding may be all that is seen at a tight tolerance
+        for method, rtol in ((LSODA, 1e-10), (Radau, 1e-9), (BDF, 1e-9)):
+            at_rest = found and found[0].kind is None
+            try:
+                tolerance = rtol * looser * (10.0 if at_rest and method is Radau else 1.0)
+                found.append(_followed(motion, other if found else start, method, tolerance, off))
+            except FlowError as error:
+                failure = error
+            if len(found) == 2:
+                return found[0], found[1]
     if not found:
         raise failure or FlowError("no end")
     return found[0], replace(

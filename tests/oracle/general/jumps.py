@@ -48,6 +48,13 @@ def slack_ahead(eq: Equations, y: FloatArray, v: float) -> tuple[bool, str | Non
     if not eq.closed or y[-2] > 0.0:
         return False, None
     ahead = points.at_drive(eq, y, float(y[-1]) + 1e-3 * (v - float(y[-1])))
+    if eq.contents is not None and eq.contents.gas.ambient == eq.contents.pressure == 0.0:
+        # Nothing at all is inside: the rule of the physics page, a first rise of any |φ|, is all there is.
+        rates = [value * rate * (v - y[-1]) for value, rate in eq.given(float(y[-1]))]
+        starts = all(value == 0.0 for value, _ in eq.given(float(y[-1])))
+        if any(rate > 0.0 for rate in rates) or starts:
+            return True, None
+        return True, "whether tension is lost in a vacuum"
     if ahead is None or abs(ahead[-2]) < 1e-13:
         return True, "whether tension is lost at zero pressure"
     return bool(ahead[-2] < 0.0), None

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.oracle.general.equations import STEP, Equations
+from tests.oracle.general.equations import STEP, Equations, evened
 
 FloatArray = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ def on_plane(eq: Equations, guess: FloatArray, normal: FloatArray) -> FloatArray
     y, last = guess, np.inf
     scales = eq.scales(guess)
     # Among equal balloons stretched alike the matrix may be singular, in the direction in which they part.
-    even = eq.is_even(guess)
+    alike = eq.alike(guess)
     for _ in range(15):
         residual = eq.residual(y.tolist())
         if not np.all(np.isfinite(residual)):
@@ -35,9 +35,8 @@ def on_plane(eq: Equations, guess: FloatArray, normal: FloatArray) -> FloatArray
         step = _solved(matrix * scales, -np.append(residual, normal @ (y - guess)))
         if step is None:
             return None
-        step *= scales
-        y = eq.evened(y + step) if even else y + step
-        step = eq.evened(step) if even else step
+        step = evened(step * scales, alike)
+        y = evened(y + step, alike)
         size = float(np.max(np.abs(step) / scales))
         if not size < 1.0:
             return None
@@ -80,7 +79,9 @@ def tangent(eq: Equations, y: FloatArray, like: FloatArray) -> tuple[FloatArray,
     found = _solved(np.vstack([jacobian, row]), rhs)
     if found is None:
         return null_direction(eq, y, like), 0.0
-    t = eq.evened(found * scales) / scales if eq.is_even(y) and eq.is_even(like) else found
+    size = float(np.max(np.abs(like)))
+    together = [p for p in eq.alike(y) if np.ptp(like[p]) <= 1e-12 * size]
+    t = evened(found * scales, together) / scales
     t /= np.linalg.norm(t)
     sign = float(np.linalg.slogdet(np.vstack([jacobian, t]))[0])
     return t * scales, sign
