@@ -44,9 +44,9 @@ BEHAVIOURS: dict[str, tuple[str, str]] = {
     "snap_to_out_of_range": ("#33A02C", "snap off the measured curve"),
     "snap_then_out_of_range": ("#B2DF8A", "stable snap, off the measured curve later"),
     "out_of_range": ("#CAB2D6", "off the measured curve without a snap"),
-    "snap_to_loss_of_sphericity": ("#6A3D9A", "snap to no sphere"),
-    "snap_then_loss_of_sphericity": ("#FB9A99", "stable snap, sphere lost later"),
-    "loss_of_sphericity": ("#B15928", "sphere lost without a snap"),
+    "snap_to_loss_of_sphericity": ("#8C6BB1", "snap to no sphere"),
+    "snap_then_loss_of_sphericity": ("#C7E9C0", "stable snap, sphere lost later"),
+    "loss_of_sphericity": ("#8C510A", "sphere lost without a snap"),
     "refused": ("#F0F0F0", "makes no sense"),
     "failed": (BLACK, "solver failed"),
 }
