@@ -130,7 +130,7 @@ def _told(history: History, events: list[Event]) -> NDArray[np.bool_]:
     changes = np.zeros(len(history) + 1, dtype=np.int64)
     for event in events:
         rows = np.flatnonzero(history.time == event.time)
-        apart = np.abs(history.stretch[rows] - event.stretch_after).max(axis=1)
+        apart = np.abs(history.stretch[rows] - np.asarray(event.stretch_after, dtype=np.float64)).max(axis=1)
         apart += np.abs(history.voltage[rows] - event.voltage).max(axis=1, initial=0.0)
         # Several events may share an instant: the first of its rows that is the state after this one.
         row = int(rows[np.argmin(apart)])
