@@ -77,7 +77,7 @@ def sensitivities(
     --------
     >>> from simulator import load_scenario, simulate
     >>> history = simulate(load_scenario("scenarios/fig3c_state_b.toml"))
-    >>> (one,) = sensitivities(history, history.events[0], ["gas.ambient_pressure"])
+    >>> (one,) = sensitivities(history, history.mechanical[0], ["gas.ambient_pressure"])
     >>> one.of, round(one.derivative, 4)
     ('voltage_active', 0.1951)
     """

@@ -69,7 +69,7 @@ def trace(
     Examples
     --------
     >>> curve = trace("scenarios/fig3c_state_b.toml")
-    >>> [(point.kind, round(float(point.voltage[0]), 6)) for point in curve.points]
+    >>> [(p.kind, round(float(p.voltage[0]), 6)) for p in curve.points if p.balloon is None]
     [('limit_point', 0.360441), ('limit_point', 0.270291), ('loss_of_tension', 0.500372)]
     """
     scenario = load_scenario(scenario)

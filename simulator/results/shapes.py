@@ -127,18 +127,25 @@ def _in_flow(event: Event) -> bool:
     return event.stretch_after is not None and not np.array_equal(event.stretch_before, event.stretch_after)
 
 
+def row_of(history: History, event: Event) -> int:
+    """The sample from which on what an event of shape says holds: that of its side after."""
+    rows = np.flatnonzero(history.time == event.time)
+    # Several events may share an instant; the state after this one is told by stretches and voltages.
+    there = (history.stretch[rows] == event.stretch_after).all(axis=1)
+    there &= (history.voltage[rows] == event.voltage).all(axis=1)
+    return int(rows[there][0] if there.any() else rows[-1])
+
+
 def lost_rows(history: History) -> NDArray[np.bool_]:
     """Which samples, (n_samples,), no real balloons would be in: some balloon has lost its sphere by then.
 
     A sample that is spherical again counts as one of spheres.
     """
-    changes = np.zeros((len(history) + 1,), dtype=np.int64)
+    changes = np.zeros(len(history) + 1, dtype=np.int64)
     for event in history.events:
-        if event.kind not in SHAPE_EVENTS:
-            continue
-        side: Literal["left", "right"] = "right" if _in_flow(event) else "left"
-        row = int(np.searchsorted(history.time, event.time, side=side)) - (side == "right")
-        changes[row] += 1 if event.kind is EventKind.LOSS_OF_SPHERICITY else -1
+        if event.kind in SHAPE_EVENTS:
+            sign = 1 if event.kind is EventKind.LOSS_OF_SPHERICITY else -1
+            changes[row_of(history, event)] += sign
     return np.asarray(np.cumsum(changes)[:-1] > 0)
 
 

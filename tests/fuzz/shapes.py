@@ -105,11 +105,12 @@ def _of_event(history: History, event: Event, allowed: float) -> list[str]:
         return [f"{event.kind} at time {event.time!r}: lands at s = {s:.3g}"] if wrong else []
     if not _at_a_start(history, event) and not jumped and abs(s) > allowed * sizes:
         return [f"{event.kind} at time {event.time!r}: s = {s:.3g} of {sizes:.3g}"]
-    if history.scenario.dynamics is None:
+    ended = history.outcome.value not in ENDED and event.time == history.time[-1]
+    if history.scenario.dynamics is None and not ended:  # a flow that ends a history has no rest
         voltage = np.zeros(len(history.balloons))
         voltage[[history.balloons.index(name) for name in history.electroded]] = event.voltage
         apart = balance(
-            walls_of(history), history.scenario.balloons, after, float(event.pressure_before), voltage
+            walls_of(history), history.scenario.balloons, after, float(event.pressure_after or 0.0), voltage
         )
         if np.max(np.abs(apart)) > ZERO:
             return [f"{event.kind} at time {event.time!r}: out of balance by {np.max(np.abs(apart)):.2g}"]
@@ -128,18 +129,11 @@ def _told(history: History, events: list[Event]) -> NDArray[np.bool_]:
     """Which samples are after a loss and before its end, by the events."""
     changes = np.zeros(len(history) + 1, dtype=np.int64)
     for event in events:
-        same = np.array_equal(event.stretch_before, np.asarray(event.stretch_after))
-        row = int(np.searchsorted(history.time, event.time, side="left" if same else "right"))
-        if same:
-            # Of several rows of one instant the first that is this state.
-            while (
-                row + 1 < len(history)
-                and history.time[row + 1] == event.time
-                and not np.array_equal(history.stretch[row], event.stretch_before)
-            ):
-                row += 1
-        else:
-            row -= 1
+        rows = np.flatnonzero(history.time == event.time)
+        apart = np.abs(history.stretch[rows] - np.asarray(event.stretch_after, dtype=np.float64)).max(axis=1)
+        apart += np.abs(history.voltage[rows] - event.voltage).max(axis=1, initial=0.0)
+        # Several events may share an instant: the first of its rows that is the state after this one.
+        row = int(rows[np.argmin(apart)])
         changes[row] += 1 if event.kind is EventKind.LOSS_OF_SPHERICITY else -1
     return np.asarray(np.cumsum(changes)[:-1] > 0)
 

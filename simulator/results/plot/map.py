@@ -44,9 +44,9 @@ BEHAVIOURS: dict[str, tuple[str, str]] = {
     "snap_to_out_of_range": ("#33A02C", "snap off the measured curve"),
     "snap_then_out_of_range": ("#B2DF8A", "stable snap, off the measured curve later"),
     "out_of_range": ("#CAB2D6", "off the measured curve without a snap"),
-    "snap_to_loss_of_sphericity": ("#FF7F00", "snap to where the sphere turns into a pear"),
-    "snap_then_loss_of_sphericity": ("#FDBF6F", "stable snap, a pear later"),
-    "loss_of_sphericity": ("#FFFF99", "a pear without a snap"),
+    "snap_to_loss_of_sphericity": ("#8C6BB1", "snap to no sphere"),
+    "snap_then_loss_of_sphericity": ("#C7E9C0", "stable snap, sphere lost later"),
+    "loss_of_sphericity": ("#8C510A", "sphere lost without a snap"),
     "refused": ("#F0F0F0", "makes no sense"),
     "failed": (BLACK, "solver failed"),
 }
