@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simulator import units
 from simulator.events import EventKind
-from simulator.scenario import Inflate
+from simulator.scenario import Inflate, units
 
 if TYPE_CHECKING:
     from simulator.results.history import Event, History
