@@ -87,6 +87,16 @@ def test_voltages_switched_off_one_after_the_other_are_off():
     assert np.all(history.voltage[history.step == 4][-1] == 0.0)
 
 
+# -- no pressure ---------------------------------------------------------------------------------------------
+
+
+def test_sealed_without_gas_a_voltage_that_falls_and_rises_takes_the_tension_where_it_rises() -> None:
+    history = played("vacuum-rises-unseen")
+    assert history.outcome is Outcome.LOSS_OF_TENSION
+    (event,) = history.events
+    assert (event.step, event.time) == (3, 2.0)
+
+
 # -- real time -----------------------------------------------------------------------------------------------
 
 

@@ -204,21 +204,18 @@ def _root(diagonal: Sequence[float], squares: Sequence[float], place: int, const
     above = below + total if last else pairs[place + 1][0]
     if above - below <= _CLOSEST:
         return below
-    # Where nothing couples a neighbour it is no pole, and the root may be there.
-    if _uncoupled(pairs, below) and _value(pairs, below, constant) >= 0.0:
-        return below
-    if not last and _uncoupled(pairs, above) and _value(pairs, above, constant) <= 0.0:
-        return above
+    neighbour = _at_neighbour(pairs, below, None if last else above, constant)
+    if neighbour is not None:
+        return neighbour
     low, high = below, above
     x = 0.0 if low < 0.0 < high else 0.5 * (low + high)
     width = high - low
     for count in range(1, _MOST_ITERATIONS + 1):
-        if count % _PATIENCE == 0:
-            # Close beside a pole a step may only double the distance to it.
-            if high - low > 0.5 * width:
-                x = 0.5 * (low + high)
-            width = high - low
-        if not low < x < high:
+        # Close beside a pole a step may only double the distance to it.
+        due = count % _PATIENCE == 0
+        stuck = due and high - low > 0.5 * width
+        width = high - low if due else width
+        if stuck or not low < x < high:
             x = 0.5 * (low + high)
             if not low < x < high:
                 return x  # no number between the bounds
@@ -250,6 +247,17 @@ def _root(diagonal: Sequence[float], squares: Sequence[float], place: int, const
             return x + step
         x += step
     raise ArithmeticError("the softest mode was not found")
+
+
+def _at_neighbour(
+    pairs: Sequence[tuple[float, float]], below: float, above: float | None, constant: float
+) -> float | None:
+    """The root where it is one of its neighbours: where nothing couples that one it is no pole."""
+    if _uncoupled(pairs, below) and _value(pairs, below, constant) >= 0.0:
+        return below
+    if above is not None and _uncoupled(pairs, above) and _value(pairs, above, constant) <= 0.0:
+        return above
+    return None
 
 
 def _uncoupled(pairs: Sequence[tuple[float, float]], d: float) -> bool:

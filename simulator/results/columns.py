@@ -94,6 +94,25 @@ def history_columns(history: History) -> Columns:
     return _with_si(columns, history)
 
 
+def columns_at(history: History, time: float) -> dict[str, float]:
+    """The columns of `history.csv` at one time, see `History.at`."""
+    reached = history.time
+    if not len(history) or not reached[0] <= time <= reached[-1]:
+        span = f"from {reached[0]:g} to {reached[-1]:g}" if len(history) else "nothing"
+        raise ValueError(f"time {time:g} is not in the history, which has {span}")
+    after = int(np.searchsorted(reached, time, side="right"))
+    first, last = after - 1, min(after, len(history) - 1)
+    width = reached[last] - reached[first]
+    share = (time - reached[first]) / width if width > 0.0 else 0.0
+    found = {
+        name: float(
+            values[first] + (share * (values[last] - values[first]) if values.dtype.kind == "f" else 0)
+        )
+        for name, values in history_columns(history).items()
+    }
+    return {**found, "time": float(time)}
+
+
 def event_columns(history: History) -> Columns:
     """The events of a history by column, in the order of `events.csv`.
 

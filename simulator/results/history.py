@@ -31,16 +31,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-__all__ = [
-    "EnergyBalance",
-    "Event",
-    "EventKind",
-    "History",
-    "Outcome",
-    "SolverStatistics",
-    "Stop",
-    "Verdict",
-]
+__all__ = ["EnergyBalance", "Event", "EventKind", "History", "Outcome", "SolverStatistics", "Stop", "Verdict"]
 
 _BROKEN = 1e-9  # a margin that is zero to the accuracy of a flow
 
@@ -293,24 +284,9 @@ class History:
         ValueError
             If the history does not reach so far.
         """
-        from simulator.results.columns import history_columns
+        from simulator.results.columns import columns_at
 
-        if not len(self) or not self.time[0] <= time <= self.time[-1]:
-            span = f"from {self.time[0]:g} to {self.time[-1]:g}" if len(self) else "nothing"
-            raise ValueError(f"time {time:g} is not in the history, which has {span}")
-        after = int(np.searchsorted(self.time, time, side="right"))
-        first = after - 1
-        last = min(after, len(self) - 1)
-        width = self.time[last] - self.time[first]
-        share = (time - self.time[first]) / width if width > 0.0 else 0.0
-        found = {}
-        for name, values in history_columns(self).items():
-            whole = values.dtype.kind != "f"
-            found[name] = float(
-                values[first] if whole else values[first] + share * (values[last] - values[first])
-            )
-        found["time"] = float(time)
-        return found
+        return columns_at(self, time)
 
     @property
     def elastomers(self) -> dict[str, str]:

@@ -26,6 +26,7 @@ from simulator.solver.singular import escape_direction, is_fold, parting_directi
 FloatArray = NDArray[np.float64]
 
 _ROUNDING = 1e-9  # of what the potential loses: no difference between two ways
+_NO_PRESSURE = 1e-16  # below it a pressure is the rounding of the forces of a wall
 
 
 @dataclass(frozen=True)
@@ -248,7 +249,7 @@ def _lost(equations: AnyEquations, before: FloatArray, rest: flow.Rest) -> float
 
 def loses_tension(equations: AnyEquations, state: FloatArray, target: float) -> bool:
     """Whether tension is lost at once: no pressure, valve closed, a drive rising towards `target`."""
-    if not equations.has_pressure or state[-2] > 0.0:
+    if not equations.has_pressure or state[-2] > _NO_PRESSURE:
         return False
     v = float(state[-1])
     return any(m.drive is not None and m.drive.grows(v, target) for m in equations.membranes)

@@ -329,9 +329,8 @@ def _together(equations: Equations, condition: Condition, state: FloatArray) -> 
     alike = symmetry(equations, state, _NEARLY)
     if alike is None:
         return state
-    narrow = alike.condition(condition)
     try:
-        found = at_event(alike.equations, narrow, alike.narrowed(state))
+        found = at_event(alike.equations, alike.condition(condition), alike.narrowed(state))
     except NotConverged:
         return state
     event = np.array(alike.widened(found.tolist()))
@@ -340,11 +339,9 @@ def _together(equations: Equations, condition: Condition, state: FloatArray) -> 
     # Another event close by, such as a limit point after the parting, has forces between it and this one.
     halfway = 0.5 * (state + event)
     residual, matrices = linearised(equations, halfway[:, None])
-    for places in alike.sets:
-        chosen = list(places)
-        parting = residual[0, chosen] - residual[0, chosen].mean()
-        sizes = np.abs(matrices[0, chosen]) @ np.abs(halfway)
-        if np.any(np.abs(parting) > _NOISE * sizes):
+    for places in map(list, alike.sets):
+        parting = residual[0, places] - residual[0, places].mean()
+        if np.any(np.abs(parting) > _NOISE * (np.abs(matrices[0, places]) @ np.abs(halfway))):
             return state
     return event
 
@@ -372,8 +369,7 @@ def _rounds_to_zero(
     equations: Equations, state: list[float], residual: Sequence[float] | FloatArray, rows: FloatArray
 ) -> bool:
     """As `rounds_to_zero`, for one state."""
-    found = rounds_to_zero(equations, np.array(state)[:, None], np.array(residual)[None], rows[None])
-    return bool(found[0])
+    return bool(rounds_to_zero(equations, np.array(state)[:, None], np.array(residual)[None], rows[None])[0])
 
 
 def evened(equations: Equations, state: FloatArray) -> FloatArray:
