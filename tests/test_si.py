@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from simulator import units
 from simulator.analysis.fold import fold
 from simulator.analysis.trace import trace, trace_inflation
 from simulator.cli import app
-from simulator.scenario import ScenarioError, load_scenario, units
-from simulator.scenario.units import Dimension, Scales
+from simulator.scenario import ScenarioError, load_scenario
+from simulator.units import Dimension, Scales
 from tests.pairs import run
 
 ROOT = Path(__file__).parent.parent

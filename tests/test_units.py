@@ -16,9 +16,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field, PlainSerializer, ValidationError
 
-from simulator.scenario import Problem, Scenario, ScenarioError, Table, dimension_of, load_scenario, units
+from simulator import units
+from simulator.scenario import Problem, Scenario, ScenarioError, Table, dimension_of, load_scenario
 from simulator.scenario.fields import Chosen, ElectricCharge, Frozen, Volume, by_name
-from simulator.scenario.units import VACUUM_PERMITTIVITY, Dimension, Scales, as_written
+from simulator.units import VACUUM_PERMITTIVITY, Dimension, Scales, as_written
 
 GENT = {"model": "gent", "J_lim": 270}
 REFERENCE = {"shear_modulus": "45 kPa", "thickness": "0.5 mm", "radius": "20 mm", "permittivity": 4.7}

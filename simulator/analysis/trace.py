@@ -22,7 +22,7 @@ from simulator.model.equations import SealedBalloons
 from simulator.model.groups import Group
 from simulator.results.curve import Curve, SpecialPoint
 from simulator.scenario import Problem, ScenarioError, dimensionless, load_scenario
-from simulator.scenario.units import PRESSURE, VOLTAGE
+from simulator.units import PRESSURE, VOLTAGE
 
 if TYPE_CHECKING:
     from simulator.scenario import Scenario, ScenarioLike

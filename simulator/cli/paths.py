@@ -157,7 +157,7 @@ def _check(wanted: _Wanted) -> None:
 def _traced(scenario: Scenario, wanted: _Wanted) -> tuple[Curve, ...]:
     """The paths that are wanted; leaves with exit code 3 where one cannot be followed."""
     from simulator.scenario import dimensionless
-    from simulator.scenario.units import PRESSURE, VOLTAGE
+    from simulator.units import PRESSURE, VOLTAGE
 
     to_drive = None
     if wanted.to_voltage is not None:

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from simulator.scenario import units
+from simulator import units
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from simulator.results.curve import Curve, FoldCurve
     from simulator.results.history import FloatArray, History, Verdict
     from simulator.scenario.presets import Material
-    from simulator.scenario.units import Dimension, Scales
+    from simulator.units import Dimension, Scales
 
 EVENTS_SHOWN = 20
 

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from simulator import units
 from simulator.events import EventKind
-from simulator.scenario import Inflate, units
+from simulator.scenario import Inflate
 
 if TYPE_CHECKING:
     from simulator.results.history import Event, History

@@ -2,7 +2,7 @@
 
 A column is named after its quantity: `pressure`, `voltage_<name>` of one balloon, `pressure_before` on one
 side of an event. `COLUMNS` says once what each quantity is; the functions say which columns a table has, in
-which order. With [scales] the same quantities in SI units follow, see `simulator.scenario.units.in_si`.
+which order. With [scales] the same quantities in SI units follow, see `simulator.units.in_si`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from simulator.results.csv_text import Columns
-from simulator.scenario.units import VOLUME, in_si
+from simulator.units import VOLUME, in_si
 
 if TYPE_CHECKING:
     from simulator.results.curve import Curve, FoldCurve, SpecialPoint

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from simulator.scenario.units import Dimension, Scales
+    from simulator.units import Dimension, Scales
 
 FloatArray = NDArray[np.float64]
 

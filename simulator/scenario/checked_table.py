@@ -31,7 +31,7 @@ from simulator.scenario.columns import (
 )
 from simulator.scenario.reading import read_table
 from simulator.scenario.recordings import Recording
-from simulator.scenario.units import SI
+from simulator.units import SI
 
 _LOOKED_AT = 2000  # lines from which the layout is guessed
 _SEPARATORS = (";", "\t", ",", "|", " ")

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from simulator.scenario import units
+from simulator import units
 from simulator.scenario.document import Scenario
 from simulator.scenario.errors import Problem, ScenarioError
 from simulator.scenario.fields import Measured
-from simulator.scenario.units import Dimension
+from simulator.units import Dimension
 
 
 def dimension_of(scenario: Scenario, key: str) -> Dimension | None:

@@ -18,7 +18,7 @@ from simulator.scenario.reading import check_kind, read_toml
 from simulator.scenario.scales import Scaled, scales_of
 from simulator.scenario.settings import Dynamics, Output, Shape, Solver
 from simulator.scenario.steps import PlayedStep, Step, unrolled
-from simulator.scenario.units import Scales, as_written
+from simulator.units import Scales, as_written
 
 _ELASTOMER: TypeAdapter[Any] = TypeAdapter(Elastomer)
 

@@ -22,9 +22,9 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails, PydanticCustomError, core_schema
 
-from simulator.scenario import units
+from simulator import units
 from simulator.scenario.errors import Problem
-from simulator.scenario.units import Dimension, Written, as_written
+from simulator.units import Dimension, Written, as_written
 
 
 def _python_scalar(value: Any) -> Any:

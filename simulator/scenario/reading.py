@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.scenario import units
+from simulator import units
 from simulator.scenario.errors import Problem, ScenarioError, short
 from simulator.scenario.fields import LONGEST
-from simulator.scenario.units import Scales
+from simulator.units import Scales
 
 _COLUMN = re.compile(r"(time|voltage|stretch|pressure|stress)(?:\s*\[([^\[\]]*)\])?")
 

@@ -30,8 +30,8 @@ from simulator.scenario.columns import (
 from simulator.scenario.errors import short
 from simulator.scenario.fields import Chosen, Frozen, Int, Measured, Number, Text, absolute, refused
 from simulator.scenario.reading import column
-from simulator.scenario.units import QUANTITIES, TIME, Scales, has_unit
-from simulator.scenario.units import read as read_unit
+from simulator.units import QUANTITIES, TIME, Scales, has_unit
+from simulator.units import read as read_unit
 
 FloatArray = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from simulator.scenario.fields import (
     Thickness,
     refused,
 )
-from simulator.scenario.units import SI, Scales, Written
+from simulator.units import SI, Scales, Written
 
 if TYPE_CHECKING:
     pass

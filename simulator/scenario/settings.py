@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, PlainSerializer
 
 from simulator.scenario.fields import Chosen, Float, Frozen, Int, Time, by_name
-from simulator.scenario.units import as_written
+from simulator.units import as_written
 
 
 class Output(Frozen):

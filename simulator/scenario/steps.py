@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, ConfigDict, Field, PlainSerializer, PrivateAttr, ValidationInfo
 
-from simulator.scenario import units
+from simulator import units
 from simulator.scenario.fields import (
     Chosen,
     ElectricCharge,
@@ -28,7 +28,7 @@ from simulator.scenario.fields import (
 )
 from simulator.scenario.reading import column, read_table
 from simulator.scenario.recordings import Recording, RecordingByName, recorded
-from simulator.scenario.units import as_written
+from simulator.units import as_written
 
 Valve = Annotated[Literal["closed", "open"], Field(description='"closed" or "open"')]
 

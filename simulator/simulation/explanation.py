@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from simulator import units
 from simulator.model.conditions import shape_conditions
 from simulator.model.device import Device
 from simulator.model.strength import PowerStrength
-from simulator.scenario import Charge, Hold, Inflate, Jump, duration, load_scenario, units, until_of
+from simulator.scenario import Charge, Hold, Inflate, Jump, duration, load_scenario, until_of
 from simulator.simulation import motion
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from simulator.model.drive import Leg, Way
     from simulator.model.groups import Group
     from simulator.scenario import ConstantBreakdown, PlayedStep, PowerBreakdown, Scenario, ScenarioLike
-    from simulator.scenario.units import Scales
+    from simulator.units import Scales
 
 _MOST_STEPS = 24
 _ON_LOSS = {

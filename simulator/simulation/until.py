@@ -22,13 +22,13 @@ from simulator.model.drive import Waveform
 from simulator.model.elastomers import Number
 from simulator.model.equations import State
 from simulator.model.groups import Group
-from simulator.scenario.units import Written
 from simulator.simulation.atlas import Response
 from simulator.simulation.parts import parts_of
 from simulator.simulation.present import Present
 from simulator.solver import newton
 from simulator.solver.branch import Branch
 from simulator.solver.follow import PathError
+from simulator.units import Written
 
 if TYPE_CHECKING:
     from simulator.scenario import Until

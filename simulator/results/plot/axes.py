@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from simulator.results.plot.style import PRESSURE, STRETCH, VOLTAGE
-from simulator.scenario.units import PRESSURE as PRESSURES
-from simulator.scenario.units import RADIUS as LENGTHS
-from simulator.scenario.units import VOLTAGE as VOLTAGES
-from simulator.scenario.units import prefixed
+from simulator.units import PRESSURE as PRESSURES
+from simulator.units import RADIUS as LENGTHS
+from simulator.units import VOLTAGE as VOLTAGES
+from simulator.units import prefixed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from simulator.results.curve import Curve, FoldCurve
     from simulator.results.history import Event, History
-    from simulator.scenario.units import Dimension, Scales
+    from simulator.units import Dimension, Scales
 
     FloatArray = NDArray[np.float64]
 
