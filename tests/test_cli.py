@@ -369,6 +369,7 @@ def test_real_interrupt(scenario):
         import os, signal, time
         from importlib import import_module
         from simulator.cli import app
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where tests run in the background
         def played(scenario, *, progress=None):
             os.kill(os.getpid(), signal.SIGINT)
             time.sleep(10)

@@ -134,7 +134,7 @@ def _coincidences() -> list[Case]:
         Case(
             "nearly touching limit points (Fig. 5b, A)",
             "a traced path turns round twice within 2e-4 in voltage, unstable",
-            pair(1.2, *ramps(0.1), active={"radius": 0.5}),
+            pair(1.2, *ramps(0.1), active={"radius": 0.5}, shape={"on_loss": "ignore"}),
             _limit_points,
             "loss_of_tension",
             trace,
