@@ -97,6 +97,18 @@ def test_sealed_without_gas_a_voltage_that_falls_and_rises_takes_the_tension_whe
     assert (event.step, event.time) == (3, 2.0)
 
 
+@pytest.mark.parametrize(("name", "time"), [("slack-again", 7.0 / 3.0), ("slack-again-b", 2.2)])
+def test_a_voltage_that_comes_back_to_where_there_was_no_pressure_takes_the_tension(
+    name: str, time: float
+) -> None:
+    history = played(name)
+    assert history.outcome is Outcome.LOSS_OF_TENSION
+    (event,) = history.events
+    assert event.time == pytest.approx(time, rel=1e-12)
+    assert event.voltage[0] == pytest.approx(0.1, rel=1e-12)
+    assert event.stretch_before[0] == pytest.approx(1.0016821372, abs=1e-10)
+
+
 # -- real time -----------------------------------------------------------------------------------------------
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from simulator.events import EventKind
 from simulator.model.drive import Waveform
+from simulator.model.equations import Equations
 from simulator.model.groups import Alike, AnyEquations, Group
 from simulator.solver import flow
 from simulator.solver.branch import Branch, BranchEnd, beside
@@ -151,6 +152,7 @@ class Atlas:
 
     def _reach(self, branch: Branch, target: float, furthest: float) -> BranchEnd | None:
         """Follow a branch as far as the waveform needs it; return its end if that comes before `target`."""
+        _end_where_slack(branch, furthest)
         try:
             branch.reach(furthest, self.rtol, self.effort)
         except PathError:
@@ -247,12 +249,22 @@ def _lost(equations: AnyEquations, before: FloatArray, rest: flow.Rest) -> float
     return float(equations.potential(before.tolist())) - float(equations.potential(rest.state.tolist()))
 
 
-def loses_tension(equations: AnyEquations, state: FloatArray, target: float) -> bool:
+def loses_tension(equations: Equations, state: FloatArray, target: float) -> bool:
     """Whether tension is lost at once: no pressure, valve closed, a drive rising towards `target`."""
     if not equations.has_pressure or state[-2] > _NO_PRESSURE:
         return False
     v = float(state[-1])
     return any(m.drive is not None and m.drive.grows(v, target) for m in equations.membranes)
+
+
+def _end_where_slack(branch: Branch, target: float) -> None:
+    """End a branch that was begun without pressure, on the side on which it would lose its tension."""
+    low, high = branch.known_range()
+    first, last = branch.states[:, 0], branch.states[:, -1]
+    if target > high and branch.upper is None and loses_tension(branch.equations, last, target):
+        branch.upper = BranchEnd(EventKind.LOSS_OF_TENSION, last.copy())
+    if target < low and branch.lower is None and loses_tension(branch.equations, first, target):
+        branch.lower = BranchEnd(EventKind.LOSS_OF_TENSION, first.copy())
 
 
 def is_slack(equations: AnyEquations, state: FloatArray) -> bool:
