@@ -33,7 +33,7 @@ from simulator.model.elastomers import Number, largest_stretch
 from simulator.model.membranes import Membrane
 from simulator.results.curve import Curve, FoldCurve, SpecialPoint
 from simulator.scenario import Problem, ScenarioError, dimension_of, dimensionless, load_scenario
-from simulator.solver import arclength
+from simulator.solver import arclength, newton
 from simulator.solver.follow import PathError
 from simulator.solver.ida import Effort
 from simulator.solver.newton import NotConverged
@@ -189,23 +189,14 @@ def _jacobian(function: _Function, z: Sequence[float]) -> list[list[float]]:
 
 def _solved(function: _Function, guess: FloatArray, scales: FloatArray) -> FloatArray:
     """The root of as many equations as unknowns, by Newton's method. Raises NotConverged."""
-    z = guess.copy()
-    before = np.nan
-    for _ in range(30):
-        values = z.tolist()
-        residual = np.array(function(values), dtype=np.float64)
-        try:
-            step = np.linalg.solve(np.array(_jacobian(function, values)) * scales, residual)
-        except np.linalg.LinAlgError:
-            break
-        z = z - scales * step
-        size = float(np.max(np.abs(step) / np.maximum(np.abs(z / scales), 1.0)))
-        if not size < 1e3:
-            break
-        if size <= 1e-13 or size**3 <= 1e-15 * before**2 or (size <= 1e-11 and size > 0.5 * before):
-            return z
-        before = size
-    raise NotConverged("limit point at a changed parameter")
+
+    def step(z: list[float]) -> tuple[list[float], Callable[[], bool]]:
+        residual, rows = np.array(function(z), dtype=np.float64), np.array(_jacobian(function, z))
+        changes = np.linalg.solve(rows * scales, residual) * scales
+        rounding = newton.NOISE * np.abs(rows) @ np.abs(z)
+        return changes.tolist(), lambda: bool(np.all(np.abs(residual) <= rounding))
+
+    return newton.solved_one(step, guess, scales, "limit point at a changed parameter")
 
 
 def _corrected(problem: LimitPoint, guess: FloatArray, normal: FloatArray) -> FloatArray:

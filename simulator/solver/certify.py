@@ -264,7 +264,10 @@ Passed = tuple[int, Condition, FloatArray]  # interval, condition, event
 def judged(
     equations: Equations, conditions: Sequence[Condition], segment: Segment
 ) -> tuple[Places, Passed | None]:
-    """Intervals on which it is not certain that every margin stays positive; else the first it fell on."""
+    """Intervals on which it is not certain that every margin stays positive; else the first it fell on.
+
+    Where two fell on the same interval it is either of them: what is cut off there is judged once more.
+    """
     states = segment.states
     columns = np.concatenate([states[:, :-1, None], segment.dense, states[:, 1:, None]], axis=2)
     flat = columns.reshape(len(states), -1)
@@ -284,7 +287,7 @@ def judged(
                 event = _root(equations, condition, columns[:, i], row)
                 if event is None:
                     doubtful.add(i)
-                elif first is None or i < first[0] or _closer(states[:, i], event, first[2]):
+                elif first is None or i < first[0]:
                     first = i, condition, event
             elif error > NOISE + 1e-13 * np.abs(values[i]).max():  # else it is as certain as it can be
                 doubtful.add(i)
@@ -332,10 +335,6 @@ def _read(values: FloatArray, *, ends_at_zero: bool) -> tuple[Places, FloatArray
     dips = fine.min(axis=1) < 0.25 * fine.max(axis=1)
     error[dips] += 0.125 * np.abs(np.diff(fine[dips], 2, axis=1)).max(axis=1, initial=0.0)
     return places, fine, error
-
-
-def _closer(start: FloatArray, one: FloatArray, other: FloatArray) -> bool:
-    return bool(np.sum((one - start) ** 2) < np.sum((other - start) ** 2))
 
 
 def _root(

@@ -26,7 +26,7 @@ _ITERATIONS = 14
 _ROUNDED = 4e-15  # a step this small, relatively, is rounding
 _DIVERGED = 1e3  # a step this large, relatively, leads nowhere
 _STALLED = 0.5  # of the step before it: a step that is no shorter is made of rounding, or leads nowhere
-_NOISE = 16.0 * _EPS  # of the terms of a residual: it is zero to rounding
+NOISE = 16.0 * _EPS  # of the terms of a residual: it is zero to rounding
 _SINGULAR = 1e-9  # a singular value this small, of rows of unit length, is cut off in a least-squares step
 _NEARLY = 1e-4  # relatively: stretches of equal balloons this close may be those of balloons that part
 _EQUAL = 1e-6  # stretches of equal balloons closer than this may be equal
@@ -185,7 +185,7 @@ def rounds_to_zero(
     sizes = np.einsum("nij,jn->ni", np.abs(matrices), np.abs(states))
     for i, terms in enumerate(equations.term_sizes(states)):
         sizes[:, i] += terms
-    return np.asarray(np.all(np.abs(residuals) <= _NOISE * sizes, axis=1))
+    return np.asarray(np.all(np.abs(residuals) <= NOISE * sizes, axis=1))
 
 
 def on_planes(
@@ -341,7 +341,7 @@ def _together(equations: Equations, condition: Condition, state: FloatArray) -> 
     residual, matrices = linearised(equations, halfway[:, None])
     for places in map(list, alike.sets):
         parting = residual[0, places] - residual[0, places].mean()
-        if np.any(np.abs(parting) > _NOISE * (np.abs(matrices[0, places]) @ np.abs(halfway))):
+        if np.any(np.abs(parting) > NOISE * (np.abs(matrices[0, places]) @ np.abs(halfway))):
             return state
     return event
 
