@@ -9,7 +9,6 @@ strength that is never reached, another tolerance, other samples.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections import Counter
 from pathlib import Path
@@ -19,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from simulator import History, load_scenario
-from tests.fuzz import grammar
+from tests.fuzz import command, grammar
 from tests.fuzz.keeping import keep
 from tests.fuzz.running import Runner
 from tests.fuzz.twins import TWINS, Twin
@@ -107,23 +106,15 @@ def numbered(number: int, folder: Path, runner: Runner) -> tuple[Document, dict[
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(
-        prog="python -m tests.fuzz.metamorphic", description=__doc__.split("\n")[0]
-    )
-    parser.add_argument("count", type=int, nargs="?", default=100)
-    parser.add_argument("--seed", type=int, default=0, help="scenarios are number seed·10⁶ + 0 … N − 1")
-    parser.add_argument("--keep", type=Path, help="folder for scenarios whose twins differ")
-    options = parser.parse_args()
-    first = options.seed * 1_000_000
+    options = command.parser("tests.fuzz.metamorphic", __doc__.split("\n")[0], 100).parse_args()
     counts: Counter[str] = Counter()
     with TemporaryDirectory() as folder, Runner() as runner:
-        for number in range(first, first + options.count):
+        for number in command.numbers(options):
             document, wrong = numbered(number, Path(folder), runner)
             for kind, (problem, twin) in wrong.items():
                 counts[kind] += 1
                 print(f"{number} {kind}: {problem}", flush=True)
-                if options.keep:
-                    keep(document, options.keep / f"{number}-{kind}.json", problem=problem, twin=twin)
+                keep(document, options.keep / f"{number}-{kind}.json", problem=problem, twin=twin)
     print(f"scenarios {options.count}  " + "  ".join(f"{kind} {n}" for kind, n in counts.most_common()))
     return 1 if counts else 0
 

@@ -9,13 +9,10 @@ branches have s = 0 and are in balance.
 
 from __future__ import annotations
 
-import argparse
 import json
-import os
 import sys
 from collections import Counter
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -26,7 +23,7 @@ from numpy.typing import NDArray
 
 from simulator import Event, History, ScenarioError, SolverError, load_scenario, simulate
 from simulator.events import SHAPE_EVENTS, EventKind
-from tests.fuzz import grammar, numpy_dice, scenario
+from tests.fuzz import command, grammar, numpy_dice, scenario
 from tests.fuzz.soundness import balance, walls_of
 
 FloatArray = NDArray[np.float64]
@@ -165,30 +162,18 @@ def examined(number: int, folder: Path, whole: bool) -> Found:
 
 def play(numbers: range, folder: Path, jobs: int, *, whole: bool) -> Iterator[Found]:
     """Examine many scenarios, in order."""
-    one = partial(examined, folder=folder, whole=whole)
-    if jobs == 1:
-        yield from map(one, numbers)
-        return
-    with ProcessPoolExecutor(jobs) as pool:
-        yield from pool.map(one, numbers, chunksize=8)
+    return command.play(partial(examined, folder=folder, whole=whole), numbers, jobs)
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="python -m tests.fuzz.shapes", description=__doc__)
-    parser.add_argument("count", type=int, nargs="?", default=1000)
-    parser.add_argument("--seed", type=int, default=0, help="scenarios are number seed·10⁶ + 0 … N − 1")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes; all cores")
+    parser = command.parser("tests.fuzz.shapes", __doc__.split("\n")[0], 1000, parallel=True)
     parser.add_argument("--whole", action="store_true", help="of the whole grammar, not only sealed pairs")
-    parser.add_argument("--keep", type=Path, default=Path("results/fuzz"), help="folder for what disagrees")
     options = parser.parse_args()
-    first = options.seed * 1_000_000
     kinds: Counter[str] = Counter()
     events = 0
     with TemporaryDirectory() as folder:
-        numbers = range(first, first + options.count)
-        for number, document, kind, problems, count in play(
-            numbers, Path(folder), options.jobs, whole=options.whole
-        ):
+        found = play(command.numbers(options), Path(folder), options.jobs, whole=options.whole)
+        for number, document, kind, problems, count in command.with_progress(found, options.count):
             kinds[kind] += 1
             events += count
             if problems:

@@ -9,7 +9,6 @@ difference of two runs, each row of a sweep is a run of its own.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -29,17 +28,17 @@ from simulator import (
     optimize,
     read_question,
     read_sweep,
-    run,
     run_sweep,
     trace,
     trace_all,
     trace_inflation,
 )
-from tests.fuzz import grammar
+from tests.fuzz import command, grammar
 from tests.fuzz.chances import chance, log_uniform
 from tests.fuzz.keeping import keep
 from tests.fuzz.paths import curve_problems, fold_problems
 from tests.fuzz.running import Ran, Runner
+from tests.pairs import run
 
 FloatArray = NDArray[np.float64]
 Document = dict[str, Any]
@@ -220,16 +219,11 @@ def _optimum_problems(found: tuple[float, list[Any], Any], column: str) -> list[
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="python -m tests.fuzz.verbs", description=__doc__.split("\n")[0])
-    parser.add_argument("count", type=int, nargs="?", default=100)
-    parser.add_argument("--seed", type=int, default=0, help="scenarios are number seed·10⁶ + 0 … N − 1")
-    parser.add_argument("--keep", type=Path, help="folder for scenarios with problems")
-    options = parser.parse_args()
-    first = options.seed * 1_000_000
+    options = command.parser("tests.fuzz.verbs", __doc__.split("\n")[0], 100).parse_args()
     ends: Counter[str] = Counter()
     wrong = 0
     with TemporaryDirectory() as folder, Runner() as runner:
-        for number in range(first, first + options.count):
+        for number in command.numbers(options):
             document = grammar.numbered(number, Path(folder))
             rng = np.random.default_rng([number, 11])
             for verb, end, problems in examine(document, rng, Path(folder), runner):
@@ -237,7 +231,7 @@ def main() -> int:
                 for problem in problems:
                     wrong += 1
                     print(f"{number} {verb}: {problem}", flush=True)
-                if problems and options.keep:
+                if problems:
                     file = options.keep / f"{number}-{verb.split()[0]}.json"
                     keep(document, file, verb=verb, problems=problems)
     print("  ".join(f"{end} {count}" for end, count in sorted(ends.items())))

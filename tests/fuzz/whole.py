@@ -5,20 +5,18 @@ python -m tests.fuzz.whole N --seed S
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import json
-import os
 import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from tests.fuzz import grammar
+from tests.fuzz import command, grammar
 from tests.fuzz.agreement import Verdict, examine
 from tests.fuzz.keeping import keep
 from tests.fuzz.running import Runner
@@ -40,43 +38,15 @@ def numbered(number: int, folder: Path) -> Played:
     return number, document, examine(document, *_RUNNERS)
 
 
-def play(numbers: range, folder: Path, jobs: int) -> Iterator[Played]:
-    """Examine many scenarios, in order."""
-    if jobs == 1:
-        for number in numbers:
-            yield numbered(number, folder)
-        return
-    with ProcessPoolExecutor(jobs) as pool:
-        yield from pool.map(numbered, numbers, [folder] * len(numbers), chunksize=4)
-
-
-def with_progress(played: Iterator[Played], total: int) -> Iterator[Played]:
-    """The same, telling on standard error how far it is: all along in a terminal, else at every tenth."""
-    start = time.perf_counter()
-    for count, item in enumerate(played, start=1):
-        yield item
-        if sys.stderr.isatty() or count * 10 // total > (count - 1) * 10 // total:
-            left = (time.perf_counter() - start) * (total - count) / count
-            end = "\r" if sys.stderr.isatty() and count < total else "\n"
-            print(f"{count} of {total}, {left:.0f} s to go   ", end=end, file=sys.stderr, flush=True)
-
-
 def fixed_slice(folder: Path) -> Iterator[Played]:
     """The scenarios that the test-suite plays."""
-    return play(range(SLICE), folder, 1)
+    return command.play(partial(numbered, folder=folder), range(SLICE), 1)
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(
-        prog="python -m tests.fuzz.whole", description="Random scenarios of the whole grammar."
-    )
-    parser.add_argument("count", type=int, nargs="?", default=200)
-    parser.add_argument("--seed", type=int, default=0, help="scenarios are number seed·10⁶ + 0 … N − 1")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes; all cores")
-    parser.add_argument("--keep", type=Path, default=Path("results/fuzz"), help="folder for what disagrees")
+    parser = command.parser("tests.fuzz.whole", "Random scenarios of the whole grammar.", 200, parallel=True)
     parser.add_argument("--report", type=Path, help="JSON file for the counts and the worst differences")
     options = parser.parse_args()
-    first = options.seed * 1_000_000
     start = time.perf_counter()
     kinds: Counter[str] = Counter()
     outcomes: Counter[str] = Counter()
@@ -84,8 +54,9 @@ def main() -> int:
     seconds: Counter[str] = Counter()
     worst: dict[str, tuple[float, int]] = {}
     with TemporaryDirectory() as folder, contextlib.suppress(KeyboardInterrupt):
-        played = play(range(first, first + options.count), Path(folder), options.jobs)
-        for number, document, verdict in with_progress(played, options.count):
+        one = partial(numbered, folder=Path(folder))
+        played = command.play(one, command.numbers(options), options.jobs)
+        for number, document, verdict in command.with_progress(played, options.count):
             kinds[verdict.kind] += 1
             outcomes[verdict.outcome] += 1
             totals.update(
@@ -103,12 +74,8 @@ def main() -> int:
                     file=sys.stderr,
                     flush=True,
                 )
-    print("  ".join(f"{name} {count}" for name, count in totals.items()))
-    print("verdicts:  " + "  ".join(f"{kind} {count}" for kind, count in kinds.most_common()))
-    print("outcomes:  " + "  ".join(f"{name} {count}" for name, count in outcomes.most_common()))
-    print("seconds:  " + "  ".join(f"{name} {spent:.1f}" for name, spent in seconds.items()))
-    for what, (error, number) in sorted(worst.items()):
-        print(f"worst {what:15s} {error:.2e}   scenario {number}")
+    command.print_counts(totals=totals, verdicts=kinds, outcomes=outcomes, seconds=seconds)
+    command.print_worst(worst)
     if options.report:
         report = {
             "n": totals["scenarios"],
