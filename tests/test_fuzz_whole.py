@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from simulator import History, load_scenario
-from tests.fuzz import grammar, happenings, metamorphic, soundness, twins
+from tests.fuzz import grammar, happenings, metamorphic, soundness, twins, verbs, whole
 from tests.fuzz.keeping import keep, kept
 from tests.fuzz.running import Runner
 from tests.oracle.general.walls import gent
@@ -166,6 +166,26 @@ def test_an_unstable_sample_is_seen(loop: History) -> None:
         changed: dict[str, Any] = {name: column}
         wrong = replace(wrong, **changed)
     assert any("unstable" in problem for problem in happenings.problems_of(wrong))
+
+
+def test_random_scenarios_agree_with_the_references(tmp_path: Path) -> None:
+    found = list(whole.fixed_slice(tmp_path))
+    wrong = {number: verdict.problems for number, _, verdict in found if verdict.kind in whole.WRONG}
+    assert wrong == {}
+    kinds = Counter(verdict.kind for _, _, verdict in found)
+    assert kinds["agreed"] >= 0.9 * whole.SLICE
+
+
+def test_paths_sweeps_and_optima_of_random_scenarios_satisfy_the_equations(tmp_path: Path) -> None:
+    ends: Counter[str] = Counter()
+    with Runner() as runner:
+        for number in range(5_000_000, 5_000_005):
+            document = grammar.numbered(number, tmp_path)
+            rng = np.random.default_rng([number, 11])
+            for verb, end, problems in verbs.examine(document, rng, tmp_path, runner):
+                assert problems == [], f"{number} {verb}"
+                ends[end] += 1
+    assert ends["returned"] > 10
 
 
 def test_twins_have_the_same_history(tmp_path: Path) -> None:
