@@ -15,7 +15,7 @@ from simulator import History, load_scenario
 from tests.fuzz import grammar, happenings, metamorphic, soundness, twins, verbs, whole
 from tests.fuzz.keeping import keep, kept
 from tests.fuzz.running import Runner
-from tests.oracle.general.walls import gent
+from tests.oracle.general.elastomers import gent
 from tests.pairs import run
 
 LOOP = {
@@ -76,6 +76,9 @@ def test_scenarios_have_every_part_of_the_grammar(tmp_path: Path) -> None:
         "mooney-rivlin",
         "ogden",
         "arruda-boyce",
+        "yeoh",
+        "gent-gent",
+        "fung",
         "tabulated",
         "preset",
         "inflate",

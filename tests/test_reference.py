@@ -39,6 +39,9 @@ ELASTOMERS = [
     laws.arruda_boyce(5.99),
     laws.arruda_boyce(1.2),
     laws.arruda_boyce(100.0),
+    laws.yeoh(1.0, -0.02, 0.0005),
+    laws.gent_gent(1.0, 0.3, 50.0),
+    laws.fung(0.03),
 ]
 
 

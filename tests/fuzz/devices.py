@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tests.fuzz.chances import Rng, chance, log_uniform, rounded, table_file
-from tests.oracle.general.walls import gent, ogden
+from tests.oracle.general.elastomers import gent, ogden
 
 Document = dict[str, Any]
 
@@ -83,10 +83,19 @@ def _breakdown(rng: Rng, balloon: Document) -> Document:
 
 
 def _elastomer(rng: Rng, wild: bool, folder: Path) -> Document:
-    model = rng.choice(
-        ["gent", "neo-hookean", "mooney-rivlin", "ogden", "arruda-boyce", "tabulated", "preset"],
-        p=[0.45, 0.06, 0.1, 0.13, 0.1, 0.08, 0.08],
-    )
+    chances = {
+        "gent": 0.4,
+        "neo-hookean": 0.06,
+        "mooney-rivlin": 0.08,
+        "ogden": 0.12,
+        "arruda-boyce": 0.1,
+        "yeoh": 0.03,
+        "gent-gent": 0.03,
+        "fung": 0.03,
+        "tabulated": 0.08,
+        "preset": 0.07,
+    }
+    model = rng.choice(list(chances), p=list(chances.values()))
     match str(model):
         case "gent":
             return {"model": "gent", "J_lim": _j_lim(rng, wild)}
@@ -105,6 +114,19 @@ def _elastomer(rng: Rng, wild: bool, folder: Path) -> Document:
                 "model": "arruda-boyce",
                 "lambda_L": rounded(rng, log_uniform(rng, 1.3, 15.0) if wild else rng.uniform(2.5, 8.0)),
             }
+        case "yeoh":
+            C1, C2 = rounded(rng, log_uniform(rng, 0.1, 10.0)), float(rng.uniform(-0.03, 0.05))
+            return {
+                "model": "yeoh",
+                "C1": C1,
+                "C2": rounded(rng, C1 * C2),
+                "C3": rounded(rng, C1 * log_uniform(rng, 1e-4, 1e-2)),
+            }
+        case "gent-gent":
+            C2 = rounded(rng, log_uniform(rng, 0.01, 3.0))
+            return {"model": "gent-gent", "C1": 1.0, "C2": C2, "J_lim": _j_lim(rng, wild)}
+        case "fung":
+            return {"model": "fung", "b": rounded(rng, log_uniform(rng, 0.003, 0.3))}
         case "tabulated":
             return {"model": "tabulated", "table": _measured(rng, folder)}
         case _:

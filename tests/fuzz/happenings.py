@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from simulator import History
 from tests.fuzz.paths import hessian
 from tests.oracle.general.creeping_flow import Drive, Film, FlowError, Motion, follow
+from tests.oracle.general.elastomers import Law, loaded_law
 from tests.oracle.general.real_time import strength_of
-from tests.oracle.general.walls import Wall, wall_of
 
 FloatArray = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ class _Seen:
         self.history = history
         self.scenario = history.scenario
         self.balloons = self.scenario.balloons
-        self.walls: list[Wall] = [wall_of(b.elastomer) for b in self.balloons]
+        self.walls: list[Law] = [loaded_law(b.elastomer) for b in self.balloons]
         self.places = [history.balloons.index(name) for name in history.electroded]
         self.open: dict[int, bool] = {}
         self.charged: dict[int, bool] = {}
@@ -70,7 +70,7 @@ class _Seen:
                 x = float(stretch[i])
                 film = b.permittivity / (b.thickness**2 * b.modulus) * float(phi[i]) ** 2 * x * x
                 terms = (
-                    wall.stiffness(x),
+                    wall.slope(x),
                     -2.0 * b.radius / (b.thickness * b.modulus) * pressure * x,
                     (10.0 if self.charged[step] else -6.0) * film,
                 )
@@ -124,8 +124,7 @@ class _Seen:
                     out.append(f"{where}: the pressure is {event.pressure_before!r}")
             elif kind == "out_of_range":
                 room = min(
-                    abs(wall.largest - float(x))
-                    for wall, x in zip(self.walls, event.stretch_before, strict=True)
+                    abs(wall.end - float(x)) for wall, x in zip(self.walls, event.stretch_before, strict=True)
                 )
                 if room > MARGIN:
                     out.append(f"{where}: {room:.2g} from the end of the table")
@@ -145,8 +144,8 @@ class _Seen:
             if share > 1.0 + MARGIN:
                 return [f"{where}: the field is {share!r} of the strength"]
             for wall, x in zip(self.walls, h.stretch[row], strict=True):
-                if not float(x) <= min(wall.limit, wall.largest) + MARGIN:
-                    return [f"{where}: stretch {float(x)!r} beyond {min(wall.limit, wall.largest)!r}"]
+                if not float(x) <= min(wall.limit, wall.end) + MARGIN:
+                    return [f"{where}: stretch {float(x)!r} beyond {min(wall.limit, wall.end)!r}"]
             pressure = float(h.pressure[row])
             low = float(np.min(self.eigenvalues(step, h.stretch[row], pressure, h.voltage[row])))
             if low < -SINGULAR:
@@ -163,8 +162,6 @@ class _Seen:
                 b.modulus,
                 b.permittivity,
                 wall,
-                wall.limit,
-                wall.largest,
                 None if b.breakdown is None else strength_of(b),
                 1.0,
                 None,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from simulator import load_scenario
 from tests.fuzz.soundness import balance
-from tests.oracle.general.walls import Wall, wall_of
+from tests.oracle.general.elastomers import Law, loaded_law
 
 FloatArray = NDArray[np.float64]
 Document = dict[str, Any]
@@ -27,7 +27,7 @@ FARTHEST = 1e5  # a pressure or voltage that is as good as infinite
 def hessian(
     gas: Any,
     balloons: Any,
-    walls: list[Wall],
+    walls: list[Law],
     stretch: FloatArray,
     pressure: float,
     voltage: FloatArray,
@@ -49,7 +49,7 @@ def hessian(
     terms = np.array(
         [
             (
-                wall.stiffness(float(x)),
+                wall.slope(float(x)),
                 -2.0 * b.radius / (b.thickness * b.modulus) * pressure * x,
                 -6.0 * b.permittivity / (b.thickness**2 * b.modulus) * float(v) ** 2 * x * x,
             )
@@ -82,7 +82,7 @@ def _curve_problems(scenario: Any, curve: Any) -> list[str]:
     names = [b.name for b in scenario.balloons]
     inflation = len(curve.balloons) < len(names) or not curve.electroded
     balloons = [scenario.balloons[names.index(name)] for name in curve.balloons]
-    walls = [wall_of(balloon.elastomer) for balloon in balloons]
+    walls = [loaded_law(balloon.elastomer) for balloon in balloons]
     rows = len(curve)
     if rows < 2:
         return ["fewer than two points"]
@@ -129,7 +129,7 @@ def _voltages(curve: Any, voltage: FloatArray) -> FloatArray:
 
 
 def _point_problem(
-    scenario: Any, curve: Any, point: Any, balloons: Any, walls: list[Wall], inflation: bool
+    scenario: Any, curve: Any, point: Any, balloons: Any, walls: list[Law], inflation: bool
 ) -> str | None:
     voltage = _voltages(curve, point.voltage)
     stretch = np.asarray(point.stretch)
@@ -140,7 +140,7 @@ def _point_problem(
         case "limit_point" | "branch_point":
             if inflation:
                 b, x = balloons[0], float(stretch[0])
-                terms = b.modulus * walls[0].stiffness(x), 2.0 * b.radius / b.thickness * point.pressure * x
+                terms = b.modulus * walls[0].slope(x), 2.0 * b.radius / b.thickness * point.pressure * x
                 singular = abs(terms[0] - terms[1]) / max(abs(terms[0]), abs(terms[1]))
             else:
                 gas = None if _is_open(curve.pressure) else scenario.gas
@@ -155,7 +155,7 @@ def _point_problem(
             room = min(wall.limit - float(x) for wall, x in zip(walls, stretch, strict=True))
             return None if 0.0 < room < 3.0 * STRETCH_MARGIN else f"{room:.2g} from the limit"
         case "out_of_range":
-            room = min(abs(wall.largest - float(x)) for wall, x in zip(walls, stretch, strict=True))
+            room = min(abs(wall.end - float(x)) for wall, x in zip(walls, stretch, strict=True))
             return None if room < 1e-8 else f"{room:.2g} from the end of the table"
         case "unbounded":
             far = float(np.max(np.abs([point.pressure, *point.voltage]))) > FARTHEST
@@ -173,7 +173,7 @@ def fold_problems(document: Document, key: str, found: Any) -> list[str]:
         # With the valve open a fold is that of one balloon.
         balloons = [b for b in scenario.balloons if b.name in found.balloons]
         alone = len(balloons) < len(scenario.balloons) or (len(found) > 2 and _is_open(found.pressure))
-        walls = [wall_of(balloon.elastomer) for balloon in balloons]
+        walls = [loaded_law(balloon.elastomer) for balloon in balloons]
         voltage = np.array([float(found.voltage[row]) if b.electrodes else 0.0 for b in balloons])
         stretch = np.array([found.stretch[row, found.balloons.index(b.name)] for b in balloons])
         pressure = float(found.pressure[row])

@@ -45,7 +45,7 @@ def _margins(history: History, stretch: FloatArray, voltage: FloatArray) -> tupl
     found, sizes = np.zeros(stretch.shape), np.zeros(stretch.shape)
     for i, (wall, b) in enumerate(zip(walls_of(history), history.scenario.balloons, strict=True)):
         x = stretch[:, i]
-        stiffness = np.array([float(wall.stiffness(float(one))) for one in x])
+        stiffness = np.array([float(wall.slope(float(one))) for one in x])
         force = np.array([float(wall.force(float(one))) for one in x]) / x
         phi = voltage[:, history.electroded.index(b.name)] if b.electrodes else np.zeros(len(x))
         load = 4.0 * b.permittivity / b.thickness**2 * (phi * x) ** 2

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator import History
-from tests.oracle.general.walls import Wall, wall_of
+from tests.oracle.general.elastomers import Law, loaded_law
 from tests.oracle.general.waveforms import parts_of
 
 FloatArray = NDArray[np.float64]
@@ -66,7 +66,7 @@ def _ends(history: History) -> list[str]:
 
 
 def balance(
-    walls: list[Wall], balloons: Any, stretch: FloatArray, pressure: float, voltage: FloatArray
+    walls: list[Law], balloons: Any, stretch: FloatArray, pressure: float, voltage: FloatArray
 ) -> FloatArray:
     """gᵢ over the size of its terms, and of what the rounding of a stretch does to them."""
     out = np.zeros(len(walls))
@@ -78,19 +78,15 @@ def balance(
             -2.0 * b.permittivity / b.thickness**2 * float(voltage[i]) ** 2 * x**3,
         )
         # The digits of a stretch beside a limit, and of one beside 1, are few.
-        rounding = 8.0 * EPSILON * x * b.modulus * abs(wall.stiffness(x)) / BALANCE
+        rounding = 8.0 * EPSILON * x * b.modulus * abs(wall.slope(x)) / BALANCE
         out[i] = sum(terms) / max(sum(map(abs, terms)) + rounding, 1e-300)
     return out
 
 
 @functools.lru_cache(maxsize=64)
-def _wall(elastomer: Any) -> Wall:
-    return wall_of(elastomer)
-
-
-def walls_of(history: Any) -> list[Wall]:
+def walls_of(history: Any) -> list[Law]:
     """The reference's elastomers of the balloons of a scenario."""
-    return [_wall(balloon.elastomer) for balloon in history.scenario.balloons]
+    return [loaded_law(balloon.elastomer) for balloon in history.scenario.balloons]
 
 
 def _balance(history: History) -> list[str]:

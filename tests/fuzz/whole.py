@@ -24,7 +24,7 @@ from tests.fuzz.running import Runner
 Played = tuple[int, dict[str, Any], Verdict]
 
 REFERENCE_LIMIT = 90.0
-SLICE = 40  # scenarios in the test-suite: about 30 s
+SLICE = 24  # scenarios in the test-suite: about 30 s
 WRONG = ("disagreement", "crash", "hang")
 
 _RUNNERS: list[Runner] = []

@@ -11,12 +11,14 @@ import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import BDF, LSODA, Radau
 from scipy.optimize import brentq
+
+from tests.oracle.general.elastomers import Law
 
 FloatArray = NDArray[np.float64]
 
@@ -26,13 +28,6 @@ _LOOKS = 6  # times that margins are read in each step
 _MOST_STEPS = 10_000
 _GRAZING = 1e-9  # a margin that comes this near zero and turns, over its largest value in the leg
 ENDLESS = 1e3  # stretch that counts as without end
-
-
-class Wall(Protocol):
-    """f and f′ of an elastomer."""
-
-    def force(self, stretch: float) -> float: ...
-    def stiffness(self, stretch: float) -> float: ...
 
 
 @dataclass(frozen=True)
@@ -45,15 +40,13 @@ class Spring:
 
 @dataclass(frozen=True)
 class Film:
-    """One balloon as the flow sees it; `strength` gives E_b of its stretch, `largest` ends it."""
+    """One balloon as the flow sees it; `strength` gives E_b of its stretch."""
 
     radius: float
     thickness: float
     modulus: float
     permittivity: float
-    wall: Wall
-    limit: float  # where the wall locks
-    largest: float  # end of a measured curve
+    wall: Law
     strength: Callable[[float], float] | None
     relaxation: float
     spring: Spring | None
@@ -140,7 +133,7 @@ class Motion:
 
     def is_sound(self, y: FloatArray) -> bool:
         """Whether a state is one at all: numbers, and no wall beyond where it locks."""
-        below = all(0.0 < x < film.limit for film, x in zip(self.films, y, strict=False))
+        below = all(0.0 < x < film.wall.limit for film, x in zip(self.films, y, strict=False))
         return below and bool(np.all(np.isfinite(y)))
 
     def volume(self, stretch: Sequence[float]) -> float:
@@ -165,7 +158,7 @@ class Motion:
     def rates(self, time: float, y: FloatArray, drive: Drive) -> FloatArray:
         """dλ/dt, dξ/dt and the heat per time; NaN beyond where a wall locks."""
         stretch, inner = y[: self.count], y[self.count : -1]
-        if any(not 0.0 < x < film.limit for film, x in zip(self.films, stretch, strict=True)):
+        if any(not 0.0 < x < film.wall.limit for film, x in zip(self.films, stretch, strict=True)):
             return np.full(y.size, np.nan)
         if np.any(inner <= 0.0):
             return np.full(y.size, np.nan)
@@ -219,7 +212,7 @@ class Motion:
         pressure = self.pressure(time, stretch, drive)
         diagonal = np.array(
             [
-                film.modulus * film.wall.stiffness(x)
+                film.modulus * film.wall.slope(x)
                 - 2.0 * film.radius / film.thickness * pressure * x
                 - 6.0 * film.permittivity / film.thickness**2 * float(v) ** 2 * x * x
                 for film, x, v in zip(self.films, stretch, voltage, strict=True)
@@ -256,9 +249,9 @@ class Motion:
             if film.strength is not None:
                 field_ = abs(float(voltage[i])) * x * x / film.thickness
                 out.append(("breakdown", i, 1.0 - field_ / film.strength(x)))
-            if film.largest < math.inf:
-                out.append(("out_of_range", i, film.largest - x))
-            elif math.isinf(film.limit):
+            if film.wall.end < math.inf:
+                out.append(("out_of_range", i, film.wall.end - x))
+            elif math.isinf(film.wall.limit):
                 out.append(("runaway", i, ENDLESS - x))
         return out
 

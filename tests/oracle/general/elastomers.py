@@ -243,6 +243,63 @@ def _complex_langevin_slope(b: complex) -> complex:
     return complex(langevin_slope(r), second * b.imag)
 
 
+def _of_invariant(energy: Function, rate: Function, second: Function) -> Law:
+    """ŵ = w(I), from w, 2w′ and 2w″ of I = I₁ − 3."""
+
+    def force(x: Any) -> Any:
+        return 2.0 * _rise(x) * rate(_invariant(x)) if x.real > 0.0 else math.nan
+
+    def slope(x: Any) -> Any:
+        i, rise = _invariant(x), _rise(x)
+        return 2.0 * (1.0 + 5.0 / x**6) * rate(i) + 8.0 * rise * rise * second(i)
+
+    return Law(lambda x: energy(_invariant(x)), force, slope)
+
+
+def yeoh(C1: float, C2: float, C3: float = 0.0) -> Law:
+    """Yeoh: ŵ = ½(I + c₂I² + c₃I³), cᵢ = Cᵢ/C₁."""
+    a, b = C2 / C1, C3 / C1
+    return _of_invariant(
+        lambda i: 0.5 * i * (1.0 + i * (a + i * b)),
+        lambda i: 1.0 + i * (2.0 * a + 3.0 * b * i),
+        lambda i: 2.0 * a + 6.0 * b * i,
+    )
+
+
+def fung(b: float) -> Law:
+    """Fung: ŵ = (e^bI − 1)/2b."""
+
+    def rate(i: Any) -> Any:
+        try:
+            return _exp(b * i)
+        except OverflowError:
+            return math.nan
+
+    return _of_invariant(lambda i: 0.5 * _expm1(b * i) / b, rate, lambda i: b * rate(i))
+
+
+def gent_gent(C1: float, C2: float, J_lim: float) -> Law:
+    """Gent–Gent: ŵ = −(m₁/2) J ln(1 − I/J) + (3/2) m₂ ln(I₂/3), of W = −c₁J ln(1 − I/J) + c₂ ln(I₂/3)."""
+    modulus = 2.0 * C1 + 2.0 * C2 / 3.0
+    first, second = 2.0 * C1 / modulus, 2.0 * C2 / 3.0 / modulus
+    locking = gent(J_lim)
+
+    def energy(x: Any) -> Any:
+        s = x * x
+        rest = (s - 1.0) ** 2 * (s + 2.0) / s  # I₂ − 3
+        return first * locking.energy(x) + 1.5 * second * _log(1.0 + rest / 3.0)
+
+    def force(x: Any) -> Any:
+        return first * locking.force(x) + 6.0 * second * _rise(x) * x**4 / (x**6 + 2.0)
+
+    def slope(x: Any) -> Any:
+        softer = 2.0 * (1.0 + 5.0 / x**6) * x**4 / (x**6 + 2.0)
+        softer += 2.0 * _rise(x) * (8.0 * x**3 - 2.0 * x**9) / (x**6 + 2.0) ** 2
+        return first * locking.slope(x) + 3.0 * second * softer
+
+    return Law(energy, force, slope, limit=locking.limit)
+
+
 def tabulated(stretch: Sequence[float], force: Sequence[float]) -> Law:
     """The quintic spline (not-a-knot) through the rows (λ, f); straight outside them."""
     from scipy.interpolate import PPoly, make_interp_spline
@@ -293,7 +350,19 @@ def law_of(written: Mapping[str, Any], curve: Callable[[str], tuple[Any, Any]]) 
             return ogden([float(m) for m in written["mu"]], [float(a) for a in written["alpha"]])
         case "arruda-boyce":
             return arruda_boyce(float(written["lambda_L"]))
+        case "yeoh":
+            return yeoh(float(written["C1"]), float(written["C2"]), float(written.get("C3", 0.0)))
+        case "gent-gent":
+            return gent_gent(float(written["C1"]), float(written["C2"]), float(written["J_lim"]))
+        case "fung":
+            return fung(float(written["b"]))
         case "tabulated":
             return tabulated(*curve(written["table"]))
         case other:
             raise ValueError(f"no such elastomer: {other}")
+
+
+def loaded_law(elastomer: Any) -> Law:
+    """The law of an elastomer of a scenario that is loaded already."""
+    law = getattr(elastomer, "law", elastomer)
+    return law_of(law.model_dump(), lambda _: (law.stretches, law.forces))

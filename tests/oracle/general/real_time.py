@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from simulator import Scenario, load_scenario
 from tests.oracle.general.creeping_flow import Drive, Film, FlowError, Motion, Spring, follow
+from tests.oracle.general.elastomers import loaded_law
 from tests.oracle.general.reference import Reference, ReferenceEvent, State
-from tests.oracle.general.walls import wall_of
 from tests.oracle.general.waveforms import Part, parts_of
 
 FloatArray = NDArray[np.float64]
@@ -244,7 +244,7 @@ def _ramped(t: float, first: float, last: float, lasts: float) -> float:
 
 def _film(scenario: Scenario, balloon: Any) -> Film:
     assert scenario.dynamics is not None
-    law = wall_of(balloon.elastomer)
+    law = loaded_law(balloon.elastomer)
     spring = None if balloon.maxwell is None else Spring(balloon.maxwell.modulus, balloon.maxwell.time)
     strength = None if balloon.breakdown is None else strength_of(balloon)
     return Film(
@@ -253,8 +253,6 @@ def _film(scenario: Scenario, balloon: Any) -> Film:
         balloon.modulus,
         balloon.permittivity,
         law,
-        law.limit,
-        law.largest,
         strength,
         scenario.dynamics.relaxation_of(balloon.name),
         spring,
