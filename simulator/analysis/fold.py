@@ -28,6 +28,7 @@ from simulator.analysis.limit_points import SOFT, Alone, LimitPoint, Sealed
 from simulator.analysis.start import sealed_state
 from simulator.analysis.trace import trace, trace_inflation
 from simulator.analysis.varied import Varied, check_value
+from simulator.model.conditions import COMPLEX_STEP
 from simulator.model.drive import VoltageLine
 from simulator.model.elastomers import Number, largest_stretch
 from simulator.model.membranes import Membrane
@@ -43,7 +44,6 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-_STEP = 1e-30
 _RTOL = 1e-5
 _HALVINGS = 36
 FOLLOWED = ("limit_point", "loss_of_sphericity", "sphericity_regained")
@@ -182,8 +182,8 @@ def _jacobian(function: _Function, z: Sequence[float]) -> list[list[float]]:
     columns = []
     for j in range(len(z)):
         stepped: list[Number] = list(z)
-        stepped[j] += 1j * _STEP
-        columns.append([complex(value).imag / _STEP for value in function(stepped)])
+        stepped[j] += 1j * COMPLEX_STEP
+        columns.append([complex(value).imag / COMPLEX_STEP for value in function(stepped)])
     return [list(row) for row in zip(*columns, strict=True)]
 
 

@@ -97,7 +97,7 @@ def singularity(equations: Equations, place: int, sign: float) -> Condition:
             diagonal.imag,
             squares.imag,
         )
-        return np.asarray(sign * slopes / _STEP)
+        return np.asarray(sign * slopes / COMPLEX_STEP)
 
     return Condition(EventKind.LIMIT_POINT, margin, slope)
 
@@ -179,9 +179,9 @@ def _pear(membrane: AnyMembrane, place: int) -> Condition:
     def slope(y: FloatArray) -> FloatArray:
         stretch, v = float(y[place]), float(y[-1])
         out = np.zeros(y.size)
-        out[place] = sphericity(membrane, complex(stretch, _STEP), v).imag / _STEP
+        out[place] = sphericity(membrane, complex(stretch, COMPLEX_STEP), v).imag / COMPLEX_STEP
         if membrane.drive is not None:
-            out[-1] = sphericity(membrane, stretch, complex(v, _STEP)).imag / _STEP
+            out[-1] = sphericity(membrane, stretch, complex(v, COMPLEX_STEP)).imag / COMPLEX_STEP
         return out
 
     return Condition(EventKind.LOSS_OF_SPHERICITY, margin, slope)
@@ -194,17 +194,17 @@ def _shear(stiffness: Callable[[Number], Number], place: int) -> Condition:
     return Condition(EventKind.LOSS_OF_SPHERICITY, margin, lambda y: gradient(margin, y))
 
 
-_STEP = 1e-30
+COMPLEX_STEP = 1e-30  # so small that its square is nothing: slopes have all digits
 
 
 def gradient(margin: Callable[[State], Number], y: FloatArray) -> FloatArray:
     """Gradient of a smooth function of the state by complex steps, (n_unknowns,)."""
-    return np.asarray(np.imag(margin(_complex_steps(y))) / _STEP)
+    return np.asarray(np.imag(margin(_complex_steps(y))) / COMPLEX_STEP)
 
 
 def _complex_steps(y: FloatArray) -> NDArray[np.complex128]:
     """One state with a complex step in each unknown, columns (n_unknowns, n_unknowns)."""
-    return np.asarray(y[:, None] + 1j * _STEP * np.eye(y.size))
+    return np.asarray(y[:, None] + 1j * COMPLEX_STEP * np.eye(y.size))
 
 
 def eigenvalues(equations: Equations, y: FloatArray) -> FloatArray:

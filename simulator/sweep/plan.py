@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+
+AT_REST = 1e-6  # stretches closer than this are the same state of rest
 Value = float | str | bool
 
 _FEWEST_AUDITED, _MOST_AUDITED = 20, 200

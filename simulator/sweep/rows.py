@@ -22,12 +22,10 @@ from simulator.scenario import Inflate, ScenarioError, load_scenario
 from simulator.scenario.mapping import with_values
 from simulator.simulation.run import SolverError, simulate
 from simulator.sweep.lockstep import chunk
-from simulator.sweep.plan import Job, Value
+from simulator.sweep.plan import AT_REST, Job, Value
 
 if TYPE_CHECKING:
     from simulator.results.history import Event, History
-
-_AT_REST = 1e-6  # stretches closer than this are the same state of rest
 
 _ENDS = (
     Outcome.LOSS_OF_TENSION,
@@ -291,7 +289,7 @@ def _inflating(history: History) -> set[int]:
 
 def _moved(event: Event) -> bool:
     after = event.stretch_after
-    return after is not None and float(np.abs(after - event.stretch_before).max()) > _AT_REST
+    return after is not None and float(np.abs(after - event.stretch_before).max()) > AT_REST
 
 
 def _named(quantity: str, names: Sequence[str], values: Iterable[float]) -> dict[str, float]:
@@ -321,7 +319,7 @@ def behaviour(history: History, snaps: Sequence[Event], sealed: int) -> str:
             return "continuous"
         if np.any(history.voltage[-1] != 0.0):
             return "snap"
-        back = np.abs(history.stretch[-1] - history.stretch[sealed]).max() < _AT_REST
+        back = np.abs(history.stretch[-1] - history.stretch[sealed]).max() < AT_REST
         return "snap_returns" if back else "snap_stays"
     end = history.outcome.value
     last = history.events[-1]

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.model.conditions import COMPLEX_STEP
 from simulator.solver.batch.bordered import Bordered, pivots
 from simulator.solver.batch.interval import square
 from simulator.solver.batch.stacked import Stacked
@@ -16,7 +17,6 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 Places = NDArray[np.int64]
 
-_STEP = 1e-30
 _ROUNDS = 10
 _CROSSING = 1e-7  # of a tangent's length over those of what it is made from: two curves cross
 
@@ -65,9 +65,9 @@ def at_zero(
         step, rates = border.correction(), border.rates()
         t = rates / np.sqrt(square(weights, rates))
         y = y + step
-        ahead = y + 1j * _STEP * t
+        ahead = y + 1j * COMPLEX_STEP * t
         value = pivots(batch.parts(ahead), place)[0] if margin is None else np.asarray(margin(ahead))
-        slope = value.imag / _STEP
+        slope = value.imag / COMPLEX_STEP
         change = -value.real / slope
         size = np.sqrt(square(weights, step)) + np.abs(change)
         y = y + change * t

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.model.conditions import COMPLEX_STEP
 from simulator.solver.batch.bordered import Bordered
 from simulator.solver.batch.interval import AT_ENDS, GRID, basis, on_grid
 from simulator.solver.batch.stacked import Stacked
@@ -16,7 +17,6 @@ FloatArray = NDArray[np.float64]
 Quantity = Callable[[Stacked, Any], Any]
 
 _ROUNDS = 5
-_STEP = 1e-30
 _NEAR = 1e-4  # over the largest so far: how close a polynomial must come for a look at the curve itself
 
 
@@ -89,5 +89,5 @@ def _rise(
     for _ in range(2):
         border = Bordered(batch.parts(y), chord, place)
         y = y + border.correction()
-    found = np.asarray(quantity(batch, y + 1j * _STEP * border.rates()))
-    return found.imag / _STEP, found.real
+    found = np.asarray(quantity(batch, y + 1j * COMPLEX_STEP * border.rates()))
+    return found.imag / COMPLEX_STEP, found.real

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.events import EventKind
+from simulator.model.conditions import COMPLEX_STEP
 from simulator.model.equations import SealedBalloons
 from simulator.model.liquid import Liquid
 from simulator.solver.batch import tight
@@ -281,12 +282,12 @@ def _variation(
     total = np.zeros(state.shape[1])
     for i in range(count):
         ahead = state.astype(complex)
-        ahead[i] += 1e-30j
-        slope = np.asarray(margin(ahead)).imag / 1e-30
+        ahead[i] += 1j * COMPLEX_STEP
+        slope = np.asarray(margin(ahead)).imag / COMPLEX_STEP
         if parts.area is not None:
             along_p = state.astype(complex)
-            along_p[-2] += 1e-30j
-            per_pressure = np.asarray(margin(along_p)).imag / 1e-30
+            along_p[-2] += 1j * COMPLEX_STEP
+            per_pressure = np.asarray(margin(along_p)).imag / COMPLEX_STEP
             slope = slope - per_pressure * parts.area[i] / parts.gas_pressure
         total = total + np.abs(slope * change[i])
     return total

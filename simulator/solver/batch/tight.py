@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.model.conditions import COMPLEX_STEP
 from simulator.solver.batch.dop853 import ERROR_3, ERROR_5, STAGES, WEIGHTS
 from simulator.solver.batch.motion import Jacobian, Trail, full_state, margins_at, rates_at
 from simulator.solver.batch.stacked import Stacked
@@ -244,10 +245,10 @@ def _located(batch: Stacked, v: FloatArray, passing: list[_Passing]) -> Ends:
         y = full_state(batch, x, v)
         rates = rates_at(batch, y)
         # Along the flow, by a complex step in time.
-        later = full_state(batch, x + 1e-30j * rates, v)
+        later = full_state(batch, x + 1j * COMPLEX_STEP * rates, v)
         values = np.array([np.broadcast_to(m.at(later), v.shape) for m in batch.margins])
         chosen = np.take_along_axis(values, first[None], axis=0)[0]
-        change = -chosen.real / (chosen.imag / 1e-30)
+        change = -chosen.real / (chosen.imag / COMPLEX_STEP)
         good = np.abs(change) * np.sqrt((rates * rates).sum(axis=0)) <= 1e-12
         if good.all():
             break

@@ -13,19 +13,18 @@ from simulator.model.device import Device
 from simulator.solver.batch import flow
 from simulator.solver.batch.bordered import pivots, softest
 from simulator.solver.batch.stacked import Stacked, taken
+from simulator.solver.segment import ULPS
 from simulator.sweep.lockstep.assembly import contents, opened, sealed
 from simulator.sweep.lockstep.programme import Move
 from simulator.sweep.lockstep.ride import GAVE_UP, THERE, Ride, drive, drive_each_once, settle
-from simulator.sweep.plan import Past
+from simulator.sweep.plan import AT_REST, Past
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-_AT_REST = 1e-6  # stretches closer than this are the same state of rest
 _ONE_INSTANT = 1e-9  # of a step: events closer than this may be one
 _AT_ONCE = 1e-12  # closer than this they are one
-_ULPS = 4.0 * np.finfo(float).eps
 
 
 @dataclass
@@ -267,7 +266,7 @@ def _jump(state: Played, runs: Index, target: FloatArray) -> None:
     """Change voltages at once; what moves flows to rest from where it is."""
     now = state.voltage[:, runs]
     largest = np.maximum(np.abs(target).max(axis=0), np.abs(now).max(axis=0))
-    moved = np.abs(target - now).max(axis=0) > _ULPS * largest
+    moved = np.abs(target - now).max(axis=0) > ULPS * largest
     runs, target = runs[moved], target[:, moved]
     if not runs.size:
         return
@@ -372,7 +371,7 @@ def _turned(state: Played, runs: Index, rides: list[Any], offset: FloatArray, ra
         voltage = offset[:, turn.runs] + rate[:, turn.runs] * turn.before[-1]
         state.turns.append((voltage, mine))
         count = len(members)
-        moved = np.abs(turn.after[:count] - turn.before[:count]).max(axis=0) > _AT_REST
+        moved = np.abs(turn.after[:count] - turn.before[:count]).max(axis=0) > AT_REST
         # A film that breaks in a snap has a side after it, too; tension that is lost has not.
         kept = moved & (turn.rested | (state.end[mine] == 2) | (state.end[mine] == 4))
         fresh = kept & (state.snaps[mine] == 0)

@@ -9,9 +9,7 @@ import numpy as np
 from simulator.events import OUTCOMES, Outcome
 from simulator.sweep.lockstep.play import Played
 from simulator.sweep.lockstep.ride import ENDS, GAVE_UP, THERE
-from simulator.sweep.plan import Job
-
-_AT_REST = 1e-6
+from simulator.sweep.plan import AT_REST, Job
 
 
 def columns_of(job: Job, played: Played) -> dict[str, list[Any]]:
@@ -63,7 +61,7 @@ def columns_of(job: Job, played: Played) -> dict[str, list[Any]]:
 def _behaviour(played: Played, outcome: Any) -> Any:
     complete, snapped = played.end == THERE, played.snaps > 0
     on = np.any(played.voltage != 0.0, axis=0)
-    back = np.abs(played.stretch - played.sealed).max(axis=0) < _AT_REST
+    back = np.abs(played.stretch - played.sealed).max(axis=0) < AT_REST
     words = np.where(back, "snap_returns", "snap_stays")
     words = np.where(on, "snap", words)
     words = np.where(snapped, words, "continuous").astype(object)
