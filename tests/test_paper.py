@@ -92,6 +92,12 @@ def test_the_committed_page_is_the_one_produced():
     assert (ROOT / "docs/paper.md").read_text("utf-8") == paper_page(SCENARIOS)
 
 
+@pytest.mark.parametrize(("name", "stars"), [("fig3b", 2), ("fig3c", 2), ("fig5b", 2), ("fig5c", 2)])
+def test_each_instability_has_its_star(name, stars):
+    (ax,) = FIGURES[name](SCENARIOS).axes
+    assert sum(line.get_marker() == "*" and len(line.get_xdata()) == 1 for line in ax.lines) == stars
+
+
 def test_every_figure_of_the_page_is_there():
     page = (ROOT / "docs/paper.md").read_text("utf-8")
     for name in FIGURES:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.events import SHAPE_EVENTS
 from simulator.results.equality import same
 
 if TYPE_CHECKING:
@@ -134,6 +135,11 @@ class Curve:
     def end(self) -> SpecialPoint:
         """The last special point: where and why the path ends."""
         return self.points[-1]
+
+    @property
+    def mechanical(self) -> tuple[SpecialPoint, ...]:
+        """The special points without those of a balloon's shape."""
+        return tuple(point for point in self.points if point.kind not in SHAPE_EVENTS)
 
     def to_dataframe(self) -> pd.DataFrame:
         """The points as a table, one row each; columns as in `curve.csv` (`docs/results.md`)."""

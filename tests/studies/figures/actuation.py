@@ -71,7 +71,7 @@ def plot_state(letter: str, curves: tuple[Curve, ...], ax: Axes, highest: float)
         turns = np.flatnonzero(np.diff(unstable))  # the turning points themselves
         kept = np.union1d(kept, turns)
         draw_path(x[kept], y[kept], unstable[kept], ax, colour)
-        for i, point in enumerate(curve.points):
+        for i, point in enumerate(curve.mechanical):
             at = (float(point.stretch[0]), float(point.voltage[0]))
             if point.kind == "limit_point" and i == 0:
                 style.star(at, ax, colour)

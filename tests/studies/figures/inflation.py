@@ -32,7 +32,7 @@ def draw_equal_balloons(scenarios: Path) -> Figure:
     curve = trace_inflation(load_scenario(scenarios / "fig3a_state_c.toml"), "passive", to_stretch=_FAR)
     plot_inflation(curve, ax, style.INK)
     _plot_snap(load_scenario(scenarios / "fig2_inflation.toml"), ax)
-    peak = curve.points[0]
+    peak = curve.mechanical[0]
     ax.annotate(
         rf"snap-through: {peak.pressure:.3f} at $\lambda_2$ = {float(peak.stretch[0]):.2f}",
         (float(peak.stretch[0]), peak.pressure),

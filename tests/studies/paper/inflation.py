@@ -35,7 +35,7 @@ def statements(scenarios: Path, cases: dict[str, Case]) -> list[Statement]:
     parts = np.sign(np.diff(curve.pressure))
     turns = parts[np.insert(np.diff(parts) != 0, 0, True)].tolist()
     active, passive = (
-        trace_inflation(cases["5b A"].scenario, name, to_stretch=_FAR).points[0]
+        trace_inflation(cases["5b A"].scenario, name, to_stretch=_FAR).mechanical[0]
         for name in ("active", "passive")
     )
     return [
@@ -103,7 +103,7 @@ def misprints(cases: dict[str, Case]) -> list[Misprint]:
     ratios = []
     for name in ("3a A", "5b A"):
         peaks = [
-            trace_inflation(cases[name].scenario, balloon, to_stretch=_FAR).points[0]
+            trace_inflation(cases[name].scenario, balloon, to_stretch=_FAR).mechanical[0]
             for balloon in ("active", "passive")
         ]
         ratios.append(peaks[0].pressure / peaks[1].pressure)
