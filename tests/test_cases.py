@@ -337,3 +337,10 @@ def test_in_real_time_too_nothing_is_taut_without_gas() -> None:
     history = played("dynamics-sealed-in-vacuum")
     (event,) = history.events
     assert (event.kind, event.step, event.time) == (EventKind.LOSS_OF_TENSION, 1, 0.0)
+
+
+def test_what_was_unstable_already_has_no_second_limit_point() -> None:
+    history = played("dynamics-valve-and-jump")
+    assert kinds(history) == [EventKind.LIMIT_POINT, EventKind.LOSS_OF_TENSION]
+    assert [event.step for event in history.events] == [1, 3]
+    assert [event.time for event in history.events] == pytest.approx([0.459234354, 0.725846086], abs=1e-8)

@@ -50,12 +50,14 @@ class RealTime:
         self.material = material_of(scenario)
         # Inner stretches of the Maxwell branches: stress free, as the stretches.
         self.inner: FloatArray = np.ones(len(self.material.creeping))
+        # What held the balloons until now: before the first step nothing, as with the valve open.
+        self.held_by: Contents | None = None
 
     def release(self) -> None:
         """Nothing moves at once, but a state that only the sealed gas held is stable no more."""
         present = self.record.present
         still = present.electrodes.line
-        if self._stable(still, present.sealed) and not self._stable(still, present.contents):
+        if self._stable(still, self.held_by) and not self._stable(still, present.contents):
             self.record.event(EventKind.LIMIT_POINT, present.snapshot, present.snapshot, 0.0)
 
     def jump(self, way: Way, v: float, *, loosened: bool) -> bool:
@@ -66,7 +68,7 @@ class RealTime:
             return False
         before = VoltageLine.still(present.voltage.tolist())
         still = VoltageLine.still(target.tolist())
-        held = self._stable(before, present.sealed if loosened else present.contents)
+        held = self._stable(before, self.held_by)
         across = VoltageLine.through(present.voltage.tolist(), target.tolist())
         v0, v1 = (across.coordinate(x.tolist()) for x in (present.voltage, target))
         driven = motion.all_balloons(present.device, across, present.pressure, present.contents)
@@ -79,6 +81,7 @@ class RealTime:
             self.record.event(EventKind.LOSS_OF_TENSION, present.snapshot)
         elif not self._ends_at_once(groups, 0.0) and held and not self._stable(still, present.contents):
             self.record.event(EventKind.LIMIT_POINT, present.snapshot, present.snapshot, 0.0)
+        self.held_by = present.contents
         return True
 
     def _stable(self, way: Way, contents: Contents | None) -> bool:
@@ -94,6 +97,7 @@ class RealTime:
     ) -> str | None:
         """Let the balloons flow through the legs of a step, which has no early end."""
         present = self.record.present
+        self.held_by = present.contents
         fractions = sample_fractions(self.scenario.output, lasts)
         for leg in legs:
             groups = motion.moving(
