@@ -10,12 +10,13 @@ from typing import Any
 Document = dict[str, Any]
 
 TABLES = "tables"  # key of a kept scenario: its CSV files by name
+PATHS = ("table", "file")
 
 
 def tables_of(document: Any) -> list[str]:
     """Paths of all tables that a scenario names."""
     if isinstance(document, dict):
-        own = [v for k, v in document.items() if k == "table" and isinstance(v, str)]
+        own = [v for k, v in document.items() if k in PATHS and isinstance(v, str)]
         return own + list(itertools.chain.from_iterable(map(tables_of, document.values())))
     if isinstance(document, list):
         return list(itertools.chain.from_iterable(map(tables_of, document)))
@@ -46,6 +47,6 @@ def _renamed(item: Any, rename: Any) -> Any:
     if not isinstance(item, dict):
         return item
     return {
-        key: rename(value) if key == "table" and isinstance(value, str) else _renamed(value, rename)
+        key: rename(value) if key in PATHS and isinstance(value, str) else _renamed(value, rename)
         for key, value in item.items()
     }

@@ -186,6 +186,33 @@ def tabled(document: Document, rng: Rng, folder: Path) -> Twin | None:
     return Twin({**document, "step": out}) if changed else None
 
 
+def recorded(document: Document, rng: Rng, folder: Path) -> Twin | None:
+    """Recordings by name, as an instrument writes them, in the place of each ramp from known voltages."""
+    if "scales" in document:
+        return None
+    out: list[Document] = []
+    changed = False
+    for step, known in _with_voltages(document):
+        if "ramp" not in step or known is None:
+            out.append(step)
+            continue
+        ends = step["ramp"] if isinstance(step["ramp"], dict) else dict.fromkeys(known, step["ramp"])
+        lasts = step.get("over", 1.0)
+        recordings = {
+            name: {
+                "file": table_file(
+                    folder, f"amplifier\nt;U\n0;{known[name]!r}\n{lasts!r};{end!r}\n".replace(".", ",")
+                ),
+                **{"time": "t", "voltage": "U", "separator": ";", "decimal": ",", "skip": 1},
+            }
+            for name, end in ends.items()
+        }
+        rest = {key: value for key, value in step.items() if key not in ("ramp", "over")}
+        out.append({"table": recordings, **rest})
+        changed = True
+    return Twin({**document, "step": out}) if changed else None
+
+
 def without_chamber(document: Document, rng: Rng, folder: Path) -> Twin | None:
     """A chamber of no volume."""
     if "chamber" in document["gas"]:
@@ -222,6 +249,7 @@ TWINS: dict[str, Callable[[Document, Rng, Path], Twin | None]] = {
         unrolled,
         halved,
         tabled,
+        recorded,
         without_chamber,
         with_strength,
         tighter,
