@@ -7,7 +7,7 @@ comes back to it, and so is the way out at each of its ends.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -27,6 +27,7 @@ from simulator.solver.singular import escape_direction, is_fold, parting_directi
 FloatArray = NDArray[np.float64]
 
 _ROUNDING = 1e-9  # of what the potential loses: no difference between two ways
+_OFF = 1e-4  # stretch by which snaps of one instant are started off their limit points
 _NO_PRESSURE = 1e-16  # below it a pressure is the rounding of the forces of a wall
 
 
@@ -298,6 +299,21 @@ def _at_once(responses: Sequence[Response], exits: dict[int, Exit]) -> dict[int,
         return exits
     if all(exit.runs_away for exit in exits.values()):
         return exits  # none of them arrives anywhere
-    from simulator.simulation.common_flow import snaps_together  # few histories end so
+    return _snaps_together({place: responses[place].group for place in exits}, exits)
 
-    return snaps_together({place: responses[place].group for place in exits}, exits)
+
+def _snaps_together(groups: Mapping[int, Group], exits: Mapping[int, Exit]) -> dict[int, Exit]:
+    """Snaps of single balloons that begin at one instant, up to where the first of them ends the history."""
+    from simulator.simulation.common_flow import first_end  # few histories end so
+
+    flowing = [replace(groups[place], members=(number,)) for number, place in enumerate(exits)]
+    starts = []
+    for exit in exits.values():
+        assert exit.rest is not None
+        starts.append(exit.before[0] + _OFF * np.sign(exit.rest.state[0] - exit.before[0]))
+    v = float(next(iter(exits.values())).before[-1])
+    kind, stretch = first_end(flowing, np.array(starts), v, Effort())
+    return {
+        place: replace(exit.ending(groups[place], flow.Rest(np.array([x, v]), kind)), onward=None)
+        for (place, exit), x in zip(exits.items(), stretch.tolist(), strict=True)
+    }

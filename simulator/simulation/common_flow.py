@@ -6,26 +6,20 @@ for all of them when one breaks its film, and the others are then still on their
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simulator.events import EventKind
 from simulator.model.groups import Group
-from simulator.solver.flow import FlowError, Rest
+from simulator.solver.flow import FlowError
 from simulator.solver.ida import Effort
 from simulator.solver.viscous import Flow, Material
-
-if TYPE_CHECKING:
-    from simulator.simulation.atlas import Exit
 
 FloatArray = NDArray[np.float64]
 
 _LONGEST = 1e12  # of the flow's own time: never reached
-_OFF = 1e-4  # stretch by which a snap is started off its limit point
 
 
 def first_end(
@@ -64,30 +58,3 @@ def first_end(
             return EventKind(end.kind), end.stretch
         stretch, lasts = passage.stretch[-1], 10.0 * lasts
     raise FlowError("what ends the flow of one balloon does not end that of all")
-
-
-def snaps_together(groups: Mapping[int, Group], exits: Mapping[int, Exit]) -> dict[int, Exit]:
-    """Snaps of single balloons that begin at one instant, up to where the first of them ends the history.
-
-    Parameters
-    ----------
-    groups : mapping of int to Group
-    exits : mapping of int to Exit
-        How each of them goes by itself.
-
-    Raises
-    ------
-    FlowError
-        If none ends it.
-    """
-    flowing = [replace(groups[place], members=(number,)) for number, place in enumerate(exits)]
-    starts = []
-    for exit in exits.values():
-        assert exit.rest is not None
-        starts.append(exit.before[0] + _OFF * np.sign(exit.rest.state[0] - exit.before[0]))
-    v = float(next(iter(exits.values())).before[-1])
-    kind, stretch = first_end(flowing, np.array(starts), v, Effort())
-    return {
-        place: replace(exit.ending(groups[place], Rest(np.array([x, v]), kind)), onward=None)
-        for (place, exit), x in zip(exits.items(), stretch.tolist(), strict=True)
-    }
