@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from simulator.events import EventKind
 from tests.studies.figures import FIGURES, draw_figures
 from tests.studies.figures.__main__ import main as figures
 from tests.studies.paper import paper_page, statements
@@ -14,6 +15,7 @@ from tests.studies.paper.__main__ import main as paper
 from tests.studies.paper.case import VERDICTS, Statement, load_cases
 from tests.studies.paper.formulation import misprints as misprints_of_the_equations
 from tests.studies.paper.inflation import misprints as misprints_of_fig_2
+from tests.studies.paper.real import passes_pears
 from tests.studies.paper.unequal import misprints as misprints_of_fig_5
 
 ROOT = Path(__file__).parent.parent
@@ -80,6 +82,32 @@ def test_a_verdict_can_fail():
 )
 def test_numbers_of_the_reference(sections, place, number):
     assert any(number in s.here for s in everything(sections) if s.place == place)
+
+
+def test_what_holds_for_real_balloons(sections):
+    found = {(s.place, s.says): s.real for s in everything(sections)}
+    assert [real.holds for real in found.values() if real].count(True) == 19
+    # Those about a stable state after a snap.
+    landed = {
+        says: real.words
+        for (_, says), real in found.items()
+        if real and "snap" in says and real.holds is not True
+    }
+    assert landed["reaches EMI and snaps to a stable state"] == "**not beyond φ = 0.31406083**"
+    assert "A: open" in landed["snap-through can be realised for states A or B"]
+    kept = [real for (_, says), real in found.items() if says.startswith("switched off")]
+    assert [real.words for real in kept] == ["holds", "holds"]
+
+
+def test_snaps_pass_pears_where_histories_say_so(cases):
+    """s between both sides of a snap, by formulas of their own, against the flow of the history."""
+    for case in cases.values():
+        for snap in case.snaps:
+            if snap.kind is not EventKind.LIMIT_POINT:
+                continue
+            at_once = [event.kind for event in case.shaped.events if event.time == snap.time]
+            # Where the sphere was lost before, it is regained in the snap.
+            assert passes_pears(snap) == (EventKind.SPHERICITY_REGAINED in at_once)
 
 
 def test_every_misprint_is_proved(cases):

@@ -37,6 +37,12 @@ comparison in the program, and the tests hold each of them. "Agrees under the re
 literally do not hold, and the words in italics do. Quantities are dimensionless as in the paper: pressures are
 PR₂/(μH), voltages (Φ/H)√(ε/μ), fields E√(ε/μ).
 
+The paper takes its balloons for spheres, and *for spheres* is about that. A real balloon turns into a pear where its
+tension stops rising with its stretch ([shape.md](shape.md)); *for real balloons* says whether what a statement is
+about comes before that. "Not beyond φ = …" is where the sphere is lost on the way there. "Open" is what passes states
+that are no spheres within a snap, while both its sides are spheres: where a pear would then go is not computed. "–" are
+statements that do not depend on it.
+
 """
 
 _NOT_CHECKED = """\
@@ -82,7 +88,8 @@ def paper_page(scenarios: Path) -> str:
             *(f"![Fig. {name[3:]}](figures/{name}.svg)\n" for name in _FIGURES[title]),
         ]
         parts += ["\n" if _FIGURES[title] else "", _table(section), "\n"]
-    parts += ["## Spheres and real balloons\n\n", shape.HEAD, shape.shape_table(load_cases(scenarios)), "\n"]
+    parts += ["## Spheres and real balloons\n\n", shape.figure_table(everything), "\n"]
+    parts += [shape.HEAD, shape.shape_table(load_cases(scenarios)), "\n"]
     parts += ["## Misprints\n\n", _misprints(load_cases(scenarios)), "\n"]
     parts += ["## What the paper does not show\n\n", "The voltage ramped up, held and taken off again.\n\n"]
     parts += [f"![{title}](figures/{name}.svg)\n" for name, title in _HISTORIES.items()]
@@ -92,12 +99,21 @@ def paper_page(scenarios: Path) -> str:
 def _count(everything: Sequence[Statement]) -> str:
     verdicts = [statement.verdict for statement in everything]
     agree, read, differ = (verdicts.count(verdict) for verdict in VERDICTS)
-    return f"{len(everything)} statements: {agree} agree, {read} agree under a reading, {differ} do not.\n"
+    shaped = [s.real.holds for s in everything if s.real is not None]
+    holds, lost, unknown = (shaped.count(outcome) for outcome in (True, False, None))
+    return (
+        f"{len(everything)} statements: for spheres {agree} agree, {read} agree under a reading, {differ} do not.\n"
+        f"{len(shaped)} of them depend on the balloons' shapes: for real balloons {holds} hold, {lost} do not, "
+        f"{unknown} are open.\n"
+    )
 
 
 def _table(section: Sequence[Statement]) -> str:
-    lines = ["| where | the paper says | here | verdict |", "|---|---|---|---|"]
-    lines += [f"| {s.place} | {s.says} | {s.here} | {_verdict(s)} |" for s in section]
+    lines = ["| where | the paper says | here | for spheres | for real balloons |", "|---|---|---|---|---|"]
+    lines += [
+        f"| {s.place} | {s.says} | {s.here} | {_verdict(s)} | {s.real.words if s.real else '–'} |"
+        for s in section
+    ]
     return "\n".join(lines) + "\n"
 
 

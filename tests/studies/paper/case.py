@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from simulator.analysis.trace import trace, trace_all
 from simulator.scenario import load_scenario
+from simulator.simulation.run import simulate
 from tests.pairs import run
 
 if TYPE_CHECKING:
@@ -19,6 +21,14 @@ if TYPE_CHECKING:
 
 VERDICTS = ("agrees", "agrees under the reading", "does not agree")
 PANELS = ("3a", "3b", "3c", "5b", "5c")
+
+
+@dataclass(frozen=True)
+class Real:
+    """What becomes of a statement with real balloons, which need not stay spheres: `holds` is None if that is open."""
+
+    words: str
+    holds: bool | None
 
 
 @dataclass(frozen=True)
@@ -35,6 +45,8 @@ class Statement:
         Under which other reading it might hold.
     holds_as_read : bool
         Whether it does.
+    real : Real or None
+        The same of real balloons; None where it says nothing that depends on shapes.
     """
 
     place: str
@@ -43,6 +55,7 @@ class Statement:
     holds: bool
     reading: str = ""
     holds_as_read: bool = False
+    real: Real | None = None
 
     @property
     def verdict(self) -> str:
@@ -70,6 +83,11 @@ class Case:
     scenario: Scenario
     curves: tuple[Curve, ...]
     history: History
+
+    @cached_property
+    def shaped(self) -> History:
+        """The history with the balloons' shapes looked at."""
+        return simulate(self.scenario)
 
     @property
     def curve(self) -> Curve:

@@ -6,6 +6,7 @@ import numpy as np
 
 from simulator.model.device import Device
 from tests.studies.paper.case import Case, Statement, falls, rises
+from tests.studies.paper.real import UNREALISABLE, rising, snapping, switched_off, whole
 
 
 def statements(cases: dict[str, Case]) -> list[Statement]:
@@ -23,6 +24,7 @@ def _panel_a(cases: dict[str, Case]) -> list[Statement]:
         "the stretch of the active balloon increases with the voltage, the pressure decreases",
         f"so along the whole paths of {sum(found)} of 3 states",
         all(found),
+        real=rising({letter: cases[f"3a {letter}"] for letter in "ABC"}),
     )
     ends = []
     for letter in "AB":
@@ -38,6 +40,7 @@ def _panel_a(cases: dict[str, Case]) -> list[Statement]:
                 and abs(end.pressure) < 1e-12
                 and case.loses_tension
                 and bool(abs(event.voltage[0] - end.voltage[0]) < 1e-9),
+                real=rising({"": case}),
             )
         )
     case = cases["3a C"]
@@ -55,12 +58,14 @@ def _panel_a(cases: dict[str, Case]) -> list[Statement]:
             f"λ₁ = {', '.join(f'{x:.4f}' for x in shares)} at φ = 0.2, 0.4, 1 (φ = 0.2: {ramped:.8f}); "
             f"the limit is {limit:.4f}",
             case.curve.end.kind == "stretch_limit" and round(limit) == 7,
+            real=rising({"": case}),
         ),
         Statement(
             "Fig. 3a, C",
             "loss of tension is not an issue",
             f"the pressure stays above {case.curve.pressure.min():.4f}",
             bool(case.curve.pressure.min() > 0.5),
+            real=rising({"": case}),
         ),
         Statement(
             "Fig. 3a, C",
@@ -70,6 +75,7 @@ def _panel_a(cases: dict[str, Case]) -> list[Statement]:
             False,
             "the strength, for which the paper has no number, is above the fields of A and B and is reached by C",
             field > 2.0 * max(fields) and rises(case.curve.field[:, 0]),
+            rising({"": case}),
         ),
     ]
 
@@ -91,6 +97,7 @@ def _panel_b(cases: dict[str, Case]) -> list[Statement]:
                 rises(voltage[: case.rising])
                 and falls(voltage[case.rising - 1 :])
                 and end.kind == "loss_of_tension",
+                real=whole({"": case}),
             ),
             Statement(
                 f"Fig. 3b, {letter}",
@@ -101,6 +108,7 @@ def _panel_b(cases: dict[str, Case]) -> list[Statement]:
                 "of states of equilibrium",
                 case.loses_tension
                 and bool(peak.pressure > 0.0 and (case.curve.unstable[: case.rising] == 0).all()),
+                snapping({"": case}),
             ),
             Statement(
                 f"Fig. 3b, {letter}",
@@ -109,6 +117,7 @@ def _panel_b(cases: dict[str, Case]) -> list[Statement]:
                 bool((after == 0).all() and end.voltage[0] < peak.voltage[0]),
                 "of the curve, followed beyond its peak through unstable states",
                 bool((after > 0).all() and end.voltage[0] < peak.voltage[0]),
+                whole({"": case}),
             ),
         ]
     case = cases["3b C"]
@@ -133,18 +142,21 @@ def _panel_c(cases: dict[str, Case]) -> list[Statement]:
             bool(blue.snaps),
             "the snap finds no stable state at all",
             blue.loses_tension and len(blue.actuated) == 2,
+            snapping({"": blue}),
         ),
         Statement(
             "Fig. 3c, A",
             "the path from EMI to loss of tension is unstable and can not be realised",
             f"unstable all the way to p = 0 at φ = {blue_end.voltage[0]:.8f}, λ₁ = {blue_end.stretch[0]:.8f}",
             bool((blue.curve.unstable[blue.rising :] > 0).all()) and blue_end.kind == "loss_of_tension",
+            real=UNREALISABLE,
         ),
         Statement(
             "Fig. 3c, B",
             "reaches EMI and snaps to a stable state",
             f"limit point at φ = {top.voltage[0]:.8f}, λ₁ = {top.stretch[0]:.8f}; rests at λ₁ = {after[0]:.8f}",
             bool(abs(snap.voltage[0] - top.voltage[0]) < 1e-9 and after[0] > 2.0 * top.stretch[0]),
+            real=snapping({"": red}),
         ),
         Statement(
             "Fig. 3c, B",
@@ -153,6 +165,7 @@ def _panel_c(cases: dict[str, Case]) -> list[Statement]:
             end.kind == "loss_of_tension"
             and bool(end.voltage[0] > snap.voltage[0])
             and bool((red.curve.unstable[beyond] == 0).all()),
+            real=snapping({"": red}),
         ),
         _without_event("Fig. 3c, C", cases["3c C"]),
     ]
@@ -168,4 +181,5 @@ def _without_event(place: str, case: Case) -> Statement:
         and case.curve.end.kind == "stretch_limit"
         and not case.actuated
         and bool(np.abs(case.history.stretch[-1] - case.curve.stretch[0]).max() < 1e-9),
+        real=switched_off({"": case}),
     )

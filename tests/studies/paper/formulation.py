@@ -7,6 +7,7 @@ import numpy as np
 from simulator.model.device import Device
 from simulator.model.elastomers import Gent
 from tests.studies.paper.case import Case, Misprint, Statement, falls, rises
+from tests.studies.paper.real import rising
 
 _STRETCHES = np.linspace(1.0, 7.1, 200)
 _STEP = 1e-30
@@ -42,6 +43,7 @@ def statements(cases: dict[str, Case]) -> list[Statement]:
             "under the voltage the active balloon grows, the passive one shrinks, and the pressure drops",
             f"so on {sum(as_drawn)} of {len(as_drawn)} paths, up to their first limit point or end",
             all(as_drawn),
+            real=rising(cases),
         ),
         Statement(
             "Section 2",
@@ -50,6 +52,7 @@ def statements(cases: dict[str, Case]) -> list[Statement]:
             if charged
             else "the charge does not always rise",
             charged,
+            real=rising(cases),
         ),
     ]
 

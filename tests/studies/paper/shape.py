@@ -1,25 +1,47 @@
-"""Whether what the spherical model says of each state holds for a real balloon, too."""
+"""Figure by figure and state by state: what holds for spheres, and what for real balloons."""
 
 from __future__ import annotations
 
-from simulator.events import EventKind
-from simulator.simulation.run import simulate
-from tests.studies.paper.case import Case
+from collections import Counter
+from collections.abc import Hashable, Mapping, Sequence
+
+from tests.studies.paper.case import VERDICTS, Case, Statement
+from tests.studies.paper.real import first_snap, losses_after, lost_before, passes_pears
 
 _WORDS = {"limit_point": "limit point", "loss_of_tension": "tension lost", "stretch_limit": "stretch limit"}
+_SPHERES: Mapping[Hashable, str] = dict(zip(VERDICTS, ("yes", "under a reading", "no"), strict=True))
+_REAL: Mapping[Hashable, str] = {True: "yes", False: "no", None: "open"}
 
 HEAD = """\
-All of the above is about spheres, in the paper as here. A real balloon turns into a pear where its tension stops
-rising with its stretch ([shape.md](shape.md)). What the paper says of a rising voltage holds for a real balloon up to
-there. The last two columns are of the history of the scenario; s is the smaller one of the two balloons.
+State by state: what the paper says of a rising voltage holds for a real balloon up to where its sphere is lost. The last
+two columns are of the history of the scenario; s is the smaller one of the two balloons.
 
 """
+
+
+def figure_table(everything: Sequence[Statement]) -> str:
+    """A table with one row for each figure: how many of its statements hold for spheres, and for real balloons."""
+    figures: dict[str, list[Statement]] = {}
+    for statement in everything:
+        if statement.place.startswith("Fig."):
+            figures.setdefault(statement.place.split(",")[0], []).append(statement)
+    lines = ["| figure | statements | for spheres | for real balloons |", "|---|---|---|---|"]
+    for figure, found in figures.items():
+        spheres = _counts([s.verdict for s in found], _SPHERES)
+        real = _counts([s.real.holds for s in found if s.real is not None], _REAL)
+        lines.append(f"| {figure} | {len(found)} | {spheres} | {real} |")
+    return "\n".join(lines) + "\n"
+
+
+def _counts(outcomes: Sequence[Hashable], words: Mapping[Hashable, str]) -> str:
+    count = Counter(outcomes)
+    return ", ".join(f"{count[outcome]} {word}" for outcome, word in words.items() if count[outcome]) or "–"
 
 
 def shape_table(cases: dict[str, Case]) -> str:
     """A table with one row for each state of Figs. 3 and 5; Fig. 4 is that of 3c B."""
     lines = [
-        "| state | spheres, voltage rising | real balloon, voltage rising | after its snap | switched off |",
+        "| state | spheres, voltage rising | real balloon, voltage rising | its snap | switched off |",
         "|---|---|---|---|---|",
     ]
     return "\n".join([*lines, *(_row(name, case) for name, case in cases.items())]) + "\n"
@@ -28,28 +50,24 @@ def shape_table(cases: dict[str, Case]) -> str:
 def _row(name: str, case: Case) -> str:
     end = case.peak or case.curve.end
     spheres = f"{_WORDS.get(end.kind, end.kind)} at φ = {end.voltage[0]:.8f}"
-    inner = case.curve.points[: case.curve.points.index(end)]
-    lost = next((point for point in inner if point.kind == "loss_of_sphericity"), None)
+    lost = lost_before(case, end)
     if lost is None:
         real = "holds: a sphere up to there"
     else:
         real = f"**does not hold: sphere lost at φ = {lost.voltage[0]:.8f}, λ₁ = {lost.stretch[0]:.8f}**"
-    history = simulate(case.scenario)
-    snap = next((event for event in case.snaps if event.kind is EventKind.LIMIT_POINT), None)
-    landing = "no snap that comes to rest"
+    history, snap = case.shaped, first_snap(case)
+    landing = "none"
     if snap is not None:
-        row = int((history.time <= snap.time).sum()) - 1
-        margin = history.sphericity[row].min()
-        landing = f"rests as {'spheres' if margin > 0.0 else 'no sphere'}, s = {margin:.2f}"
+        landing = "ends in loss of tension"
+        if history.time[-1] > snap.time:
+            margin = history.sphericity[int((history.time <= snap.time).sum()) - 1].min()
+            landing = f"rests as {'spheres' if margin > 0.0 else 'no sphere'}, s = {margin:.2f}"
+        if passes_pears(snap):
+            landing += ", passes states that are no spheres"
     left = "the history has ended"
     if history.outcome == "completed":
         margin = history.sphericity[-1].min()
-        falling = [
-            event
-            for event in history.events
-            if event.kind is EventKind.LOSS_OF_SPHERICITY and snap is not None and event.time > snap.time
-        ]
         left = f"{'spheres' if margin > 0.0 else 'no sphere'}, s = {margin:.2f}"
-        if falling:
+        if falling := losses_after(case, snap):
             left += f"; on the way sphere lost at φ = {falling[0].voltage[0]:.8f}"
     return f"| {name} | {spheres} | {real} | {landing} | {left} |"

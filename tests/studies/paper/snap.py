@@ -7,6 +7,7 @@ import numpy as np
 from simulator.model.device import Device
 from simulator.model.elastomers import tension_force
 from tests.studies.paper.case import Case, Statement, falls
+from tests.studies.paper.real import rising, snapping, whole
 
 _STEP = 1e-30
 _BELOW = 0.3  # a voltage between the two limit points
@@ -30,26 +31,36 @@ def statements(cases: dict[str, Case]) -> list[Statement]:
     landed = case.history.branch == case.history.branch[case.history.time > snap.time][0]
     rests = float(case.history.stability[landed][0])
     before = snap.stretch_before
+    upwards, there, everywhere = (of({"": case}) for of in (rising, snapping, whole))
     return [
-        Statement("Fig. 4a", "the critical voltage is 0.36", f"{critical:.8f}", round(critical, 2) == 0.36),
+        Statement(
+            "Fig. 4a",
+            "the critical voltage is 0.36",
+            f"{critical:.8f}",
+            round(critical, 2) == 0.36,
+            real=upwards,
+        ),
         Statement(
             "Fig. 4a",
             "as the voltage ramps up the balloon expands, the pressure drops, and its pressure–stretch curve lowers",
             f"λ₁ from {curve.stretch[0, 0]:.4f} to {before[0]:.4f}, p from {curve.pressure[0]:.4f} to "
             f"{snap.pressure_before:.4f}; the membrane's curve is lower at each of 20 voltages",
             lowered and falls(curve.pressure[: case.rising]),
+            real=upwards,
         ),
         Statement(
             "Fig. 4a",
             "the gas's line intersects the membrane's curve in different equilibrium states",
             f"{crossings} at φ = {_BELOW}",
             crossings > 1,
+            real=everywhere,
         ),
         Statement(
             "Fig. 4a",
             "at the critical voltage the two lines are tangent",
             f"slopes dp/dλ₁ at O: {slopes[0]:.8f} (membrane), {slopes[1]:.8f} (gas)",
             abs(slopes[0] - slopes[1]) < 1e-7,
+            real=upwards,
         ),
         Statement(
             "Fig. 4a",
@@ -60,18 +71,21 @@ def statements(cases: dict[str, Case]) -> list[Statement]:
             stability > 1e-6 and rests > 1e-6,
             "O, where the lines touch, is the last of the stable states, and itself neither stable nor unstable",
             abs(stability) < 1e-6 < rests and bool((curve.stability[: case.rising - 1] > 0.0).all()),
+            there,
         ),
         Statement(
             "Fig. 4b",
             "the active balloon snaps from O to O′ and expands suddenly",
             f"λ₁ from {before[0]:.8f} to {after[0]:.8f} at φ = {critical:.8f}",
             bool(after[0] > 2.0 * before[0]),
+            real=there,
         ),
         Statement(
             "Fig. 4c",
             "the passive balloon deflates rapidly, a deep pressure drop",
             f"λ₂ from {before[1]:.8f} to {after[1]:.8f}, p from {snap.pressure_before:.8f} to {pressure_after:.8f}",
             bool(after[1] < before[1] and pressure_after < 0.1 * snap.pressure_before),
+            real=there,
         ),
     ]
 
