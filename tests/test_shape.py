@@ -21,6 +21,7 @@ from simulator.sweep.loading import load_table
 from simulator.sweep.optimum import optimize
 from simulator.sweep.rows import facts
 from simulator.sweep.running import run_sweep
+from tests.fuzz.shapes import problems_of
 from tests.oracle.shape import closed_form
 from tests.pairs import pair, run, single
 
@@ -430,3 +431,11 @@ def test_where_an_outline_has_the_other_sign_the_state_is_found() -> None:
     (lost,) = [event for event in on_the_path(history) if event.kind is LOST]
     row = int(np.flatnonzero(history.time == lost.time)[0])
     assert history.sphericity[row, 1] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_where_an_outline_is_far_off_the_points_of_the_branch_tell() -> None:
+    """The outline has its change of sign elsewhere between the two points that have unlike signs."""
+    written = load_scenario("tests/cases/shape-far.toml").to_dict() | {"output": {"points": 301}}
+    history = simulate(load_scenario(written))
+    assert len(shapes(history)) == 9
+    assert problems_of(history) == []

@@ -2,8 +2,8 @@
 
 Every history is that of spheres. Beside it, this module looks at the margin of sphericity of each balloon
 (`model.conditions.shape_conditions`). Along the branches it is looked at on the path in outline. A change of
-sign is bracketed, and the state where it vanishes is Newton's on [residual, margin] = 0. A branch is looked
-at once, however often a history passes along it.
+sign is bracketed by points of the branch, and the state where it vanishes is Newton's on
+[residual, margin] = 0. A branch is looked at once, however often a history passes along it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ FloatArray = NDArray[np.float64]
 _BETWEEN = 3  # states between two points of a branch at which a margin is looked at first
 _CLOSER = 33  # and in a dip
 _MOST_HALVINGS = 50
-_WIDER = 3  # times as wide as in outline a change of sign is looked for, at most
+_SAME = 1e-9  # of the voltage, or whatever moves, over its natural size: crossings that are one
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ class ShapeWatch:
         key = (id(branch), branch.states.shape[1], one.place, one.mode)
         if key not in self._crossings:
             known = branch.states.shape[1] > 1
-            self._crossings[key] = list(_crossings(branch, one.condition)) if known else []
+            self._crossings[key] = _crossings(branch, one.condition) if known else []
         return self._crossings[key]
 
     def in_exit(self, group: Group, exit: Exit) -> Iterator[ShapeChange]:
@@ -203,26 +203,47 @@ class ShapeWatch:
         return True
 
 
-def _crossings(branch: Branch, condition: Condition) -> Iterator[_Crossing]:
-    """Where a margin vanishes on a branch, in order of rising v."""
+def _crossings(branch: Branch, condition: Condition) -> list[_Crossing]:
+    """Where a margin vanishes on a branch, in order of rising v.
+
+    The points of the branch are exact: between two of unlike signs it does. The outline between them only
+    says where to look.
+    """
     outline = branch.outline(_BETWEEN)
     margins = np.broadcast_to(np.asarray(condition.margin(outline), dtype=np.float64), outline.shape[1:])
-    for k in _suspects(margins):
-        first, last = max(k, 0), min(k + 1, margins.size - 1)
-        if margins[first] * margins[last] < 0.0:
-            yield _polished(branch, condition, outline[:, first], outline[:, last])
-            continue
-        # A dip: looked at in polished states.
-        low, high = outline[-1, max(k - 1, 0)], outline[-1, last]
-        states = branch.at(np.linspace(low, high, _CLOSER))
-        closer = np.asarray(condition.margin(states), dtype=np.float64)
-        for i in np.flatnonzero(closer[:-1] * closer[1:] < 0.0):
-            yield _polished(branch, condition, states[:, i], states[:, i + 1])
-
-
-def _suspects(margins: FloatArray) -> list[int]:
-    """Places of samples after which a margin changes its sign, or at which it dips so far that it may."""
     changes = np.flatnonzero(margins[:-1] * margins[1:] < 0.0)
+    found: list[_Crossing] = []
+    for interval in np.unique(changes // (_BETWEEN + 1)).tolist():
+        here = changes[changes // (_BETWEEN + 1) == interval]
+        first = interval * (_BETWEEN + 1)
+        ends = outline[:, first], outline[:, first + _BETWEEN + 1]
+        if here.size == 1:
+            k = int(here[0])
+            found.append(_polished(branch, condition, outline[:, k], outline[:, k + 1], ends))
+        else:
+            found += _looked_closer(branch, condition, *ends, (_BETWEEN + 1) * _CLOSER)
+    for k in _dips(margins):
+        found += _looked_closer(branch, condition, outline[:, k - 1], outline[:, k + 1], _CLOSER)
+    found.sort(key=lambda crossing: crossing.v)
+    same = _SAME * float(branch.equations.scales[-1])
+    return [
+        c for c, before in zip(found, [None, *found], strict=False) if before is None or c.v - before.v > same
+    ]
+
+
+def _looked_closer(
+    branch: Branch, condition: Condition, left: FloatArray, right: FloatArray, count: int
+) -> Iterator[_Crossing]:
+    """Where a margin vanishes between two states of a branch, as far as polished states between them tell."""
+    states = branch.at(np.linspace(left[-1], right[-1], count))
+    margins = np.broadcast_to(np.asarray(condition.margin(states), dtype=np.float64), states.shape[1:])
+    for i in np.flatnonzero(margins[:-1] * margins[1:] < 0.0):
+        ends = states[:, i], states[:, i + 1]
+        yield _polished(branch, condition, *ends, ends)
+
+
+def _dips(margins: FloatArray) -> list[int]:
+    """Places of samples at which a margin dips so far that it may vanish, without a change of sign."""
     size = np.abs(margins)
     inner = size[1:-1]
     dips = 1 + np.flatnonzero((inner < size[:-2]) & (inner <= size[2:]))
@@ -235,50 +256,53 @@ def _suspects(margins: FloatArray) -> list[int]:
         # The bottom of the parabola through three samples, and as much again.
         if bend * here > 0.0 and (here - slope * slope / bend) * here <= 0.0:
             near.append(k)
-    return sorted({*changes.tolist(), *near})
+    return near
 
 
-def _polished(branch: Branch, condition: Condition, left: FloatArray, right: FloatArray) -> _Crossing:
-    """The state between two of a branch, at which a margin has unlike signs, at which it vanishes."""
-    equations = branch.equations
+def _polished(
+    branch: Branch,
+    condition: Condition,
+    left: FloatArray,
+    right: FloatArray,
+    ends: tuple[FloatArray, FloatArray],
+) -> _Crossing:
+    """The state of a branch in which a margin vanishes.
+
+    It is between two states, the `ends`, at which the margin has unlike signs, and as far as is known between
+    `left` and `right`.
+    """
     nodes = branch.states[-1]
-    low, high = max(float(left[-1]), float(nodes[0])), min(float(right[-1]), float(nodes[-1]))
+    low, high = (float(end[-1]) for end in ends)
     before, after = (float(condition.margin(y.tolist())) for y in (left, right))
-    falls = before > after
+    falls = float(condition.margin(ends[0].tolist())) > 0.0
     guess = left + before / (before - after) * (right - left)
-    slack = 1e-9 * float(equations.scales[-1])
-    for attempt in range(_MOST_HALVINGS):
-        found = _state(equations, condition, guess)
-        if found is not None and low - slack <= found[-1] <= high + slack:
-            apart = np.max(np.abs(found - guess) / equations.scales)
-            if apart <= 2.0 * np.max(np.abs(right - left) / equations.scales) + 1e-9:
-                return _Crossing(float(np.clip(found[-1], nodes[0], nodes[-1])), found, falls)
-        if attempt == 0:
-            # The outline is good enough to see a change, but not to tell its sides where it is close to one.
-            low, high = _bracket(branch, condition, low, high, falls)
-            left, right = branch.at(np.array([low, high])).T
+    for _ in range(_MOST_HALVINGS):
+        found = _state(branch.equations, condition, guess)
+        if found is not None and _is_between(branch.equations, found, guess, (left, right), (low, high)):
+            return _Crossing(float(np.clip(found[-1], nodes[0], nodes[-1])), found, falls)
         middle = branch.at(np.array([0.5 * (low + high)]))[:, 0]
         if (float(condition.margin(middle.tolist())) > 0.0) == falls:
-            low, left = float(middle[-1]), middle
+            ends = middle, ends[1]
         else:
-            high, right = float(middle[-1]), middle
+            ends = ends[0], middle
+        left, right = ends
+        low, high = float(left[-1]), float(right[-1])
         guess = middle
     raise newton.NotConverged("the state in which a balloon stops being a sphere was not found")
 
 
-def _bracket(
-    branch: Branch, condition: Condition, low: float, high: float, falls: bool
-) -> tuple[float, float]:
-    """An interval of v about another, between whose polished ends a margin changes its sign as it should."""
-    nodes, width = branch.states[-1], high - low
-    for _ in range(_WIDER):
-        margins = [float(condition.margin(y.tolist())) for y in branch.at(np.array([low, high])).T]
-        wrong = (margins[0] > 0.0) != falls, (margins[1] > 0.0) == falls
-        if not any(wrong):
-            return low, high
-        low = max(low - width, float(nodes[0])) if wrong[0] else low
-        high = min(high + width, float(nodes[-1])) if wrong[1] else high
-    raise newton.NotConverged("a change of a margin of shape in outline is none on the branch")
+def _is_between(
+    equations: Equations,
+    found: FloatArray,
+    guess: FloatArray,
+    around: tuple[FloatArray, FloatArray],
+    v: tuple[float, float],
+) -> bool:
+    """Whether a state is in a range of v, and as near to where it was sought as two states are apart."""
+    slack = _SAME * float(equations.scales[-1])
+    apart = np.max(np.abs(found - guess) / equations.scales)
+    near = 2.0 * np.max(np.abs(around[1] - around[0]) / equations.scales) + _SAME
+    return bool(v[0] - slack <= found[-1] <= v[1] + slack and apart <= near)
 
 
 def _state(equations: Equations, condition: Condition, guess: FloatArray) -> FloatArray | None:
