@@ -209,6 +209,7 @@ def test_simulate_many():
     pressures = np.geomspace(0.02, 1.0, 50)
     runs = simulate_many(scenario, {"gas.ambient_pressure": pressures, "step.1.inflate": 0.9})
     assert len(runs) == 50
+    assert set(runs["way"]) == {"lockstep"}
     assert runs["gas.ambient_pressure"].tolist() == pressures.tolist()
     changed = with_values(PAIR, {"gas.ambient_pressure": float(pressures[7]), "step.1.inflate": 0.9})
     alone = simulate_many(load_scenario(changed), {"gas.ambient_pressure": pressures[7]})

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.scenario import Scenario, until_of
+
 FloatArray = NDArray[np.float64]
 
 AT_REST = 1e-6  # stretches closer than this are the same state of rest
@@ -100,6 +102,17 @@ class Recorded:
     limit_points: int = 2
     sensitivities: tuple[str, ...] = ()
     shapes: bool = False
+
+
+def as_recorded(scenario: Scenario, *, shapes: bool) -> dict[str, Any]:
+    """A scenario as a mapping, in which shapes are looked at only where a row or the history needs them."""
+    mapping = scenario.to_dict()
+    ends = any(until.event == "loss_of_sphericity" for s in scenario.played_steps() if (until := until_of(s)))
+    if shapes and scenario.shape.on_loss == "ignore":
+        mapping["shape"] = {"on_loss": "record"}
+    elif not shapes and scenario.shape.on_loss == "record" and not ends:
+        mapping["shape"] = {"on_loss": "ignore"}
+    return mapping
 
 
 @dataclass(frozen=True)

@@ -17,12 +17,12 @@ import numpy as np
 from pydantic import Field, ValidationError, ValidationInfo
 
 from simulator import __version__
-from simulator.scenario import Cycle, Problem, Ramp, Scenario, ScenarioError, load_scenario, until_of
+from simulator.scenario import Cycle, Problem, Ramp, Scenario, ScenarioError, load_scenario
 from simulator.scenario.fields import Chosen, Float, Frozen, Int, Text, problems_of, refused
 from simulator.scenario.keys import all_keys, physical_keys
 from simulator.scenario.mapping import near, number_and_unit, value_at, with_values
 from simulator.scenario.reading import check_kind, read_toml
-from simulator.sweep.plan import Axis, Job, Past, Recorded, Sample, Sweep, Value, drawn
+from simulator.sweep.plan import Axis, Job, Past, Recorded, Sample, Sweep, Value, as_recorded, drawn
 
 MAX_RUNS = 10_000_000
 
@@ -181,19 +181,8 @@ def read_sweep(source: SweepLike, *, file: str | None = None) -> Sweep:
     return _sweep(file, read, scenario, axes)
 
 
-def _with_shapes(scenario: Scenario, *, recorded: bool) -> dict[str, Any]:
-    """A scenario as a mapping, in which shapes are looked at only where a row or the history needs them."""
-    mapping = scenario.to_dict()
-    ends = any(until.event == "loss_of_sphericity" for s in scenario.played_steps() if (until := until_of(s)))
-    if recorded and scenario.shape.on_loss == "ignore":
-        mapping["shape"] = {"on_loss": "record"}
-    elif not recorded and scenario.shape.on_loss == "record" and not ends:
-        mapping["shape"] = {"on_loss": "ignore"}
-    return mapping
-
-
 def _sweep(file: str, read: SweepFile, scenario: Scenario, axes: tuple[Axis, ...]) -> Sweep:
-    mapping = _with_shapes(scenario, recorded=read.record.shapes)
+    mapping = as_recorded(scenario, shapes=read.record.shapes)
     asked = read.record.sensitivities
     keys = (physical_keys(scenario) if asked else ()) if isinstance(asked, bool) else asked
     past = None

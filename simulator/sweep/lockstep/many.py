@@ -14,7 +14,7 @@ from simulator.scenario import Problem, ScenarioError, ScenarioLike, load_scenar
 from simulator.scenario.keys import all_keys
 from simulator.scenario.mapping import near
 from simulator.sweep.lockstep import chunk
-from simulator.sweep.plan import Axis, Job, Recorded
+from simulator.sweep.plan import Axis, Job, Recorded, as_recorded
 from simulator.sweep.rows import columns, play
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def simulate_many(
         raise ValueError("values must be numbers or arrays (n,)")
     runs = list(zip(*(array.tolist() for array in arrays), strict=True))
     job = Job(
-        scenario=scenario.to_dict(),
+        scenario=as_recorded(scenario, shapes=False),
         axes=tuple(
             Axis(key, (float(array.min()), float(array.max())))
             for key, array in zip(values, arrays, strict=True)
