@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from simulator.model.conditions import COMPLEX_STEP
 from simulator.solver.batch.bordered import Bordered
-from simulator.solver.batch.interval import AT_ENDS, GRID, basis, on_grid
+from simulator.solver.batch.interval import GRID, SLOPES, basis, on_grid
 from simulator.solver.batch.stacked import Stacked
 
 FloatArray = NDArray[np.float64]
@@ -42,16 +42,20 @@ def largest(
     """
     values = np.asarray(quantity(batch, states))
     out: FloatArray = np.maximum(so_far, values.max(axis=0))
-    seen = on_grid(values)
-    top = np.argmax(seen, axis=0)
-    first, last = AT_ENDS @ values
-    last_place = len(GRID) - 1
-    inner = np.where(top == 0, first > 0.0, np.where(top == last_place, last < 0.0, True))
-    inner &= seen.max(axis=0) > so_far * (1.0 - _NEAR)
-    some = np.flatnonzero(inner)
+    slopes = np.einsum("ej,jn->en", SLOPES, values)
+    some = np.flatnonzero(~((slopes >= 0.0).all(axis=0) | (slopes <= 0.0).all(axis=0)))
     if not some.size:
         return out
-    batch, states, place, top = batch.take(some), states[:, :, some], place[some], top[some]
+    seen = on_grid(values[:, some])
+    top = np.argmax(seen, axis=0)
+    first, last = slopes[[0, -1]][:, some]
+    last_place = len(GRID) - 1
+    inner = np.where(top == 0, first > 0.0, np.where(top == last_place, last < 0.0, True))
+    inner &= seen.max(axis=0) > so_far[some] * (1.0 - _NEAR)
+    some, top = some[inner], top[inner]
+    if not some.size:
+        return out
+    batch, states, place = batch.take(some), states[:, :, some], place[some]
     chord = states[:, -1] - states[:, 0]
     low, high = GRID[np.maximum(top - 1, 0)], GRID[np.minimum(top + 1, last_place)]
     rise_low, _ = _rise(batch, quantity, states, chord, place, low)

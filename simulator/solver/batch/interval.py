@@ -6,6 +6,7 @@ to see that the two ends are on one smooth curve.
 
 from __future__ import annotations
 
+from math import comb
 from typing import NamedTuple
 
 import numpy as np
@@ -35,10 +36,13 @@ def basis(x: FloatArray) -> FloatArray:
 
 
 _AT_GRID = basis(GRID).T.copy()  # (33, 5)
-# The slopes, at the two ends, of the polynomial through five values.
-AT_ENDS = np.linalg.solve(
-    np.vander(POINTS, increasing=True).T, np.array([[0.0, 1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 2.0, 3.0, 4.0]]).T
-).T
+# The slope of the polynomial through five values, in Bernstein's form: between the least and the greatest of
+# these four, and the first and the last of them at the two ends.
+SLOPES = (
+    np.array([[comb(i, k) / comb(3, k) for k in range(4)] for i in range(4)])
+    @ np.diag([1.0, 2.0, 3.0, 4.0])
+    @ np.linalg.inv(np.vander(POINTS, increasing=True))[1:]
+)
 _HIGHEST = np.array([np.prod(p - np.delete(POINTS, j)) ** -1.0 for j, p in enumerate(POINTS)])
 _SHAPE = np.abs(np.prod(GRID[:, None] - POINTS, axis=1))  # of the polynomial through five points: its error
 _SHARE = np.max(_SHAPE)
@@ -81,8 +85,10 @@ class Node(NamedTuple):
 
 
 def on_grid(values: FloatArray) -> FloatArray:
-    """The polynomials through values (5, n_runs) at the points, on `GRID`."""
-    return np.asarray(_AT_GRID @ values)
+    """The polynomials through values (…, 5, n_runs) at the points, on `GRID`: (…, 33, n_runs)."""
+    # Not by @, here and elsewhere in this package: BLAS starts threads for rows so long, and waiting for them
+    # takes longer than the product where other workers keep the cores busy.
+    return np.asarray(np.einsum("gj,...jn->...gn", _AT_GRID, values))
 
 
 def square(weights: FloatArray, change: FloatArray) -> FloatArray:
@@ -124,8 +130,8 @@ def interval(
         *(np.broadcast_to(margin.at(states), states.shape[1:]) for margin in batch.margins),
     ]
     power = np.asarray(batch.equations.drive_power(states)) * speeds
-    work = WEIGHTS @ power
-    exchanged = WEIGHTS @ np.abs(power)
+    work = np.einsum("j,jn->n", WEIGHTS, power)
+    exchanged = np.einsum("j,jn->n", WEIGHTS, np.abs(power))
     energy = np.asarray(batch.equations.potential(states[:, [0, -1]]))
     defect = energy[1] - energy[0] + work
     smooth = (
@@ -153,7 +159,7 @@ def look(margins: FloatArray) -> Sight:
     """Where margins (n_margins, 5, n_runs) first fall through zero."""
     runs = margins.shape[2]
     low = margins.min(axis=1)
-    rough = 2.0 * np.abs(np.tensordot(_HIGHEST, margins, (0, 1))) * _SHARE
+    rough = 2.0 * np.abs(np.einsum("j,mjn->mn", _HIGHEST, margins)) * _SHARE
     first = np.full(runs, -1)
     at = np.full(runs, np.inf)
     unclear = np.zeros(runs, dtype=bool)
@@ -161,7 +167,7 @@ def look(margins: FloatArray) -> Sight:
     near = np.flatnonzero((low < 0.3 * margins[:, 0]).any(axis=0) | (low < 4.0 * rough).any(axis=0))
     if not near.size:
         return Sight(first, at, unclear)
-    values = np.matmul(_AT_GRID, margins[:, :, near])  # (n_margins, 33, n_near)
+    values = on_grid(margins[:, :, near])  # (n_margins, 33, n_near)
     below = values < 0.0
     any_below = below.any(axis=1)
     place = np.argmax(below, axis=1)

@@ -47,18 +47,21 @@ def _step(
     """One step of stretches: the new ones, their error over the accuracy, the lowest pressure on the way."""
     slopes = np.empty((12, *x.shape))
     slopes[0] = rates_at(batch, full_state(batch, x, v))
-    flat = slopes.reshape(12, -1)
     low = np.full(x.shape[1], np.inf)
     for stage, row in enumerate(_A, start=1):
-        y = full_state(batch, x + h * (row @ flat[:stage]).reshape(x.shape), v)
+        y = full_state(batch, x + h * _sum(row, slopes[:stage]), v)
         if batch.sealed:
             low = np.minimum(low, y[-2])
         slopes[stage] = rates_at(batch, y)
-    five = (h * (_E5 @ flat).reshape(x.shape)) / (_ACCURACY * (1.0 + np.abs(x)))
-    three = (h * (_E3 @ flat).reshape(x.shape)) / (_ACCURACY * (1.0 + np.abs(x)))
+    five = h * _sum(_E5, slopes) / (_ACCURACY * (1.0 + np.abs(x)))
+    three = h * _sum(_E3, slopes) / (_ACCURACY * (1.0 + np.abs(x)))
     e5, e3 = (five * five).sum(axis=0), (three * three).sum(axis=0)
     error = e5 / np.sqrt(np.maximum((e5 + 0.01 * e3) * len(x), 1e-300))
-    return x + h * (_B @ flat).reshape(x.shape), error, low
+    return x + h * _sum(_B, slopes), error, low
+
+
+def _sum(weights: FloatArray, slopes: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("s,sin->in", weights, slopes))
 
 
 @dataclass(frozen=True)
