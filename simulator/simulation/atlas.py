@@ -18,11 +18,10 @@ from simulator.model.drive import Waveform
 from simulator.model.equations import Equations
 from simulator.model.groups import Alike, AnyEquations, Group
 from simulator.solver import flow
-from simulator.solver.branch import Branch, BranchEnd, beside
+from simulator.solver.branch import Branch, BranchEnd
 from simulator.solver.follow import PathError
 from simulator.solver.ida import Effort
-from simulator.solver.newton import NotConverged
-from simulator.solver.singular import escape_direction, is_fold, parting_direction
+from simulator.solver.singular import escape_direction, is_fold, parting_directions
 
 FloatArray = NDArray[np.float64]
 
@@ -197,30 +196,23 @@ class Atlas:
             end = branch.upper if direction < 0.0 else branch.lower
             if end is not None and np.abs(end.state - point).max() < 1e-7 and branch.states.shape[1] > 1:
                 return replace(here, onward=branch)
-        escape = parting_direction(equations, point)
-        for gradual in self._gradual(group, point, escape, direction):
+        escapes = parting_directions(equations, point)
+        for gradual in self._gradual(group, point, escapes, direction):
             if gradual is not None:
                 known.append(gradual)
                 return replace(here, onward=gradual)
-        try:
-            start = beside(equations, point, escape)[0][:, 0]
-        except NotConverged:
-            # No branch at all leaves there, as where balloons begin at a limit point of their own each.
-            rest = flow.parted(equations, others, point, escape, self.effort)
-        else:
-            # The branch goes back in v and is unstable; from there the state at this v is carried away.
-            start[-1] = point[-1]
-            rest = flow.relax(equations, others, start, self.effort, tight=True)
+        rest = flow.parted(equations, others, point, escapes, self.effort)
         return self._arriving(group, EventKind.BRANCH_POINT, point, rest)
 
     @staticmethod
     def _gradual(
-        group: Group, point: FloatArray, escape: FloatArray, direction: float
+        group: Group, point: FloatArray, escapes: Sequence[FloatArray], direction: float
     ) -> Iterator[Branch | None]:
         """Branches on which it may go on gradually: what parted comes together, or parts."""
         yield Branch.straight_on(group.equations, group.conditions, point, direction)
-        for sense in (escape, -escape):
-            yield Branch.leaving(group.equations, group.conditions, point, sense, direction)
+        for escape in escapes:
+            for sense in (escape, -escape):
+                yield Branch.leaving(group.equations, group.conditions, point, sense, direction)
 
     def settle(self, group: Group, start: FloatArray, before: FloatArray, *, tight: bool = False) -> Exit:
         """A change at once, by the flow from `start`, which is no equilibrium.

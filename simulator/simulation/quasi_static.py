@@ -19,7 +19,7 @@ from simulator.simulation.playback import Playback, record_exits
 from simulator.simulation.present import unknowns_of
 from simulator.simulation.recorder import sample_fractions
 from simulator.solver.flow import Rest
-from simulator.solver.singular import parting_direction, parts_equal_balloons, softest_change
+from simulator.solver.singular import parts_equal_balloons, softest_change
 
 if TYPE_CHECKING:
     from simulator.scenario import PlayedStep, Scenario
@@ -104,7 +104,7 @@ class QuasiStatic:
     def _fall(self, group: Group, v: float) -> Exit:
         """How a group leaves an equilibrium that is not stable: the way on which the potential falls more.
 
-        Equal balloons part such that the first of them grows.
+        Equal balloons part as from a branch point.
         """
         state, equations = self.record.present.unknowns(group, v), group.equations
 
@@ -114,7 +114,7 @@ class QuasiStatic:
             return self.atlas.settle(group, np.array(equations.admitted(start.tolist())), state, tight=True)
 
         if parts_equal_balloons(equations, state):
-            return along(parting_direction(equations, state))
+            return self.atlas.settle(group, state, state)
         change = softest_change(equations, state)
         one, other = along(change), along(-change)
         return other if other.falls_further_than(one) else one

@@ -302,12 +302,21 @@ class Branch:
         points = np.stack([self.state_at(start), self.state_at(end)], axis=1)
         if end - start < SHORT * self.equations.scales[-1]:
             return float(0.5 * np.sum(np.asarray(self.equations.drive_power(points))) * (end - start))
-        chord = np.repeat(np.diff(points, axis=1), 2, axis=1)
-        directions = newton.tangents(self.equations, points, chord)
+        chord = np.diff(points, axis=1)
+        directions = np.concatenate(
+            [self._tangent_at(v, points[:, i : i + 1], chord) for i, v in enumerate((start, end))], axis=1
+        )
         segment, astray = Segment.through(self.equations, points, directions)
         if astray.size:
             raise newton.NotConverged("the curve between two states is far from the cubic through them")
         return float(segment.resolved(self.equations).work(self.equations).sum())
+
+    def _tangent_at(self, v: float, state: FloatArray, towards: FloatArray) -> FloatArray:
+        """The tangent at the state at one v, columns; that of a point is known, also where curves cross."""
+        place = np.flatnonzero(self.states[-1] == v)
+        if place.size:
+            return self.tangents[:, place[:1]]
+        return newton.tangents(self.equations, state, towards)
 
 
 def _where(ahead: FloatArray, m0: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:

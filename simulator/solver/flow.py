@@ -44,7 +44,7 @@ _GHOST = 1e-3  # how near a limit point that no longer holds it a creeping state
 _NUDGES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)  # stretch by which a snap is started off its limit point
 _FINE = (1e-4, 1e-5, 1e-6)  # the same where the way matters: what it is off the way goes with the square
 _NOISE = 4.0 * float(np.finfo(float).eps)  # of the terms of a force: its rounding
-_APART = (1e-2, 3e-2, 1e-1)  # stretch by which balloons part where only its third power drives them on
+_APART = (1e-3, 1e-2, 3e-2, 1e-1)  # stretch by which balloons part where only powers of it drive them on
 _FAR = 1e3  # stretch, over the largest at the start, at which a flow without a limit counts as runaway
 
 
@@ -98,7 +98,7 @@ def relax(
     Notes
     -----
     Equal balloons that start alike flow alike. Where they come to rest in a state that is unstable against
-    their parting they leave it by the mode in which the first of them grows, as from a branch point.
+    their parting they leave it as from a branch point.
     """
     alike = symmetry(equations, start)
     if alike is None:
@@ -115,10 +115,12 @@ def relax(
     together = np.array(alike.widened(list(rest.path))) if rest.path.size else np.empty((start.size, 0))
     if rest.end is not None or not float(stability(equations).margin(state.tolist())) < -_PARTING:
         return Rest(state, rest.end, together)
-    parted = _off(equations, conditions, state, singular.parting_direction(equations, state), _FINE)
-    if parted is None:
+    directions = singular.parting_directions(equations, state)
+    starts = (_off(equations, conditions, state, way, [off]) for off in _FINE for way in directions)
+    start_apart = next((found for found in starts if found is not None), None)
+    if start_apart is None:
         raise FlowError("no way down from where equal balloons part")
-    apart = relax(equations, conditions, parted, effort, tight=True)
+    apart = relax(equations, conditions, start_apart, effort, tight=True)
     return replace(
         apart, path=np.concatenate([together, apart.path], axis=1) if apart.path.size else together
     )
@@ -209,26 +211,27 @@ def parted(
     equations: Equations,
     conditions: Sequence[Condition],
     point: FloatArray,
-    escape: FloatArray,
+    escapes: Sequence[FloatArray],
     effort: Effort,
 ) -> Rest:
-    """Where the state goes from a branch point that no branch leaves along `escape`; parameters as of `snap`.
+    """Where the state goes from a branch point off which no branch goes on, on the first way that leads down.
 
-    There the drive is what makes it unstable, so that where it stands nothing but the fourth power of the
-    change drives it on. That is of the size of what the other modes have to make up for; they do so first.
+    Parameters as of `snap`. Where it stands nothing but the third or fourth power of the parting drives it on,
+    which is of the size of what the other modes have to make up for; they do so first.
 
     Raises
     ------
     FlowError
-        If the flow does not lead away, or comes back.
+        If no way leads down.
     """
     for distance in _APART:
-        try:
-            start = newton.held_apart(equations, point, distance * escape)
-        except newton.NotConverged:
-            continue
-        if holds(conditions, start) and _speed_along(equations, start, escape) > 0.0:
-            return relax(equations, conditions, start, effort, tight=True)
+        for escape in escapes:
+            try:
+                start = newton.held_apart(equations, point, distance * escape)
+            except newton.NotConverged:
+                continue
+            if holds(conditions, start) and _speed_along(equations, start, escape) > 0.0:
+                return relax(equations, conditions, start, effort, tight=True)
     raise FlowError("no way down from where equal balloons part")
 
 

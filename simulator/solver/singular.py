@@ -94,15 +94,20 @@ def parts_equal_balloons(equations: Equations, state: FloatArray) -> bool:
     return bool(np.all(together - softest > _SOFT * size))
 
 
-def parting_direction(equations: Equations, state: FloatArray) -> FloatArray:
-    """How the stretches part: of all softest modes, what lets the first balloon concerned grow most.
+def parting_directions(equations: Equations, state: FloatArray) -> list[FloatArray]:
+    """How the stretches may part: the first balloon concerned grows, or the last of its equals shrinks.
 
-    With more than two equal balloons there are several soft modes, and the first balloon against all others
-    is the direction in which another branch leaves a branch point. Unit length, (n_balloons,).
+    Each against all others, of unit length, (n_balloons,); of a pair the two are one. Of more than two equal
+    balloons there are several soft modes, on which the potential changes with the third power of the parting,
+    and these two are the ways on which it falls and rises most. Which of them leads down depends on the state.
     """
     diagonal, _ = equations.stiffness(state.tolist())
     sizes, vectors = modes(equations, state)
     soft = vectors[:, np.abs(sizes - sizes[0]) <= _SOFT * max(np.abs(sizes).max(), np.abs(diagonal).max())]
     first = int(np.argmax(np.abs(soft).max(axis=1) > _PART))
-    change = _compliance(equations, state) * (soft @ soft[first])
-    return np.asarray(change / np.linalg.norm(change))
+    alike = symmetry(equations, state)
+    equals = next((one for one in alike.sets if first in one), (first,)) if alike else (first,)
+    compliance = _compliance(equations, state)
+    grows, shrinks = (compliance * (soft @ soft[place]) for place in (first, equals[-1]))
+    found = [grows, -shrinks] if len(equals) > 2 else [grows]
+    return [np.asarray(change / np.linalg.norm(change)) for change in found]
