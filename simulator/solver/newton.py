@@ -7,6 +7,7 @@ solve the equations to rounding, or says that it could not. There is one rule fo
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, overload
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.model.conditions import Condition
-from simulator.model.equations import Equations, SealedBalloons
+from simulator.model.equations import Equations
 from simulator.model.symmetry import symmetry
 
 FloatArray = NDArray[np.float64]
@@ -286,6 +287,13 @@ def at_event(equations: Equations, condition: Condition, guess: FloatArray) -> F
         found = np.linalg.lstsq(matrix / sizes[:, None], defect / sizes, rcond=_SINGULAR)[0]
         return (scales * found).tolist(), lambda: _rounds_to_zero(equations, state, defect, derivatives)
 
+    alike = symmetry(equations, guess, _EQUAL)
+    if alike is not None:
+        # Several modes of equal balloons soften at once. Which of them the margin's slope is of is chance, and
+        # the step would lead aside; among states in which they are alike there is no choice.
+        with contextlib.suppress(NotConverged):
+            found = at_event(alike.equations, alike.condition(condition), alike.narrowed(guess))
+            return np.array(alike.widened(found.tolist()))
     start = evened(equations, guess)
     state = solved_one(step, start, equations.scales, what, iterations=2 * _ITERATIONS)
     return _together(equations, condition, state)
@@ -374,13 +382,8 @@ def _rounds_to_zero(
 
 def evened(equations: Equations, state: FloatArray) -> FloatArray:
     """A state with the stretches of equal balloons averaged where they are close."""
-    even = state.copy()
-    if isinstance(equations, SealedBalloons):
-        for membrane in set(equations.membranes):
-            same = [i for i, other in enumerate(equations.membranes) if other == membrane]
-            if np.ptp(state[same]) < _EQUAL:
-                even[same] = state[same].mean()
-    return even
+    alike = symmetry(equations, state, _EQUAL)
+    return state if alike is None else np.array(alike.widened(alike.narrowed(state).tolist()))
 
 
 def tangents(equations: Equations, states: FloatArray, towards: FloatArray) -> FloatArray:
