@@ -196,7 +196,7 @@ class Atlas:
             end = branch.upper if direction < 0.0 else branch.lower
             if end is not None and np.abs(end.state - point).max() < 1e-7 and branch.states.shape[1] > 1:
                 return replace(here, onward=branch)
-        escapes = parting_directions(equations, point)
+        escapes = parting_directions(equations, point, direction)
         for gradual in self._gradual(group, point, escapes, direction):
             if gradual is not None:
                 known.append(gradual)
@@ -211,8 +211,7 @@ class Atlas:
         """Branches on which it may go on gradually: what parted comes together, or parts."""
         yield Branch.straight_on(group.equations, group.conditions, point, direction)
         for escape in escapes:
-            for sense in (escape, -escape):
-                yield Branch.leaving(group.equations, group.conditions, point, sense, direction)
+            yield Branch.leaving(group.equations, group.conditions, point, escape, direction)
 
     def settle(self, group: Group, start: FloatArray, before: FloatArray, *, tight: bool = False) -> Exit:
         """A change at once, by the flow from `start`, which is no equilibrium.

@@ -18,7 +18,7 @@ from simulator.model.symmetry import symmetry
 from simulator.solver import newton
 from simulator.solver.follow import follow
 from simulator.solver.ida import Effort
-from simulator.solver.segment import SHORT, Cubics, Segment, rounding
+from simulator.solver.segment import SHORT, STRAIGHT, Cubics, Segment, rounding
 
 FloatArray = NDArray[np.float64]
 
@@ -231,9 +231,18 @@ class Branch:
         states = self.states[:, np.where(v >= nodes[place + 1], place + 1, place)]
         between = (v > nodes[place]) & (v < nodes[place + 1])
         if between.any():
-            guesses = self.interpolated(place[between], v[between])
-            states[:, between] = newton.at_drive(self.equations, guesses)
-            self.check_between(place[between], states[:, between])
+            states[:, between] = self._on_curve(place[between], v[between])
+        return states
+
+    def _on_curve(self, place: NDArray[np.int64], v: FloatArray) -> FloatArray:
+        """The states at v, each in its interval, (n_unknowns, n)."""
+        states = self.interpolated(place, v)
+        chords = (self.states[:, place + 1] - self.states[:, place]) / self.equations.scales[:, None]
+        # The points of chords that short are on the curve to rounding; Newton's method would not find them.
+        far = np.einsum("ij,ij->j", chords, chords) > STRAIGHT**2
+        if far.any():
+            states[:, far] = newton.at_drive(self.equations, states[:, far])
+            self.check_between(place[far], states[:, far])
         return states
 
     def _solved_one(self, v: float) -> FloatArray:
@@ -245,10 +254,7 @@ class Branch:
         place = int(np.searchsorted(nodes, v, side="right")) - 1
         if nodes[place] == v:
             return self.states[:, place]
-        at = np.array([place])
-        state = newton.one_at_drive(self.equations, self.interpolated(at, np.array([v]))[:, 0])
-        self.check_between(at, state[:, None])
-        return state
+        return self._on_curve(np.array([place]), np.array([v]))[:, 0]
 
     def check_between(self, place: NDArray[np.int64], states: FloatArray) -> None:
         """States lie between the points of their intervals, where Newton's method may have left it.

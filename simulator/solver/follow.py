@@ -91,7 +91,8 @@ def _followed(
     effort: Effort,
 ) -> Segment:
     """As `follow`, with one scale of v."""
-    if float(conditions[0].margin(start.tolist())) < NOISE and not singular.is_fold(equations, start):
+    crossing = float(conditions[0].margin(start.tolist())) < NOISE and not singular.is_fold(equations, start)
+    if crossing:
         off = _off_singular(equations, conditions, start, target, rtol, effort)
         if off is not None:
             return off
@@ -106,6 +107,11 @@ def _followed(
     off = _off_singular(equations, conditions, start, target, rtol, effort)
     if off is not None:
         return off
+    if crossing:
+        # No path goes on: what the drive pushes is driven away at once.
+        ahead = np.zeros_like(start)
+        ahead[-1] = equations.scales[-1] * (1.0 if target > start[-1] else -1.0)
+        return Segment.at_once(start, ahead, conditions[0].kind)
     raise PathError(f"{failure} from v = {start[-1]:.12g} to {target:.12g}") from failure
 
 

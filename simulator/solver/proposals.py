@@ -165,8 +165,11 @@ def _event_beside(
     """The event close to a state that ends the path ahead of it, if there is one."""
     if condition.kind == "loss_of_tension" and start[-2] > _CLOSE * equations.scales[-2]:
         return None  # p = 0 is no closer than that
-    if condition.kind == "limit_point" and _softens_together(equations, condition, start, sense):
-        return start
+    if condition.kind == "limit_point" and abs(float(condition.margin(start.tolist()))) <= NOISE:
+        if _softens_together(equations, condition, start, sense):
+            return start
+        if not singular.is_fold(equations, start):
+            return None  # what is singular beside it is it
     for ahead in (0.0, 1e-6, 1e-4):  # without a voltage the forces do not yet depend on it
         guess = start.copy()
         guess[-1] += sense * ahead * equations.scales[-1]
@@ -189,7 +192,7 @@ def _softens_together(equations: Equations, condition: Condition, start: FloatAr
     Without a voltage the margin falls with the square of it only, and its slope does not tell.
     """
     alike = symmetry(equations, start)
-    if alike is None or abs(float(condition.margin(start.tolist()))) > NOISE:
+    if alike is None:
         return False
     ahead = alike.narrowed(start)
     ahead[-1] += sense * _CLOSE * equations.scales[-1]

@@ -18,12 +18,17 @@ FloatArray = NDArray[np.float64]
 CROSSING = 1e-11  # a singular value this small, of rows of unit length, is zero: two curves cross
 _SOFT = 1e-8  # of the largest stiffness: eigenvalues so close are one
 _PART = 1e-3  # of a unit mode: a balloon that takes part in it
+_AHEAD = 1e-3  # over the scale of v: where it is seen what v pushes as it goes on
+_PUSH_DIGITS = 6  # of a push over the largest: what is less is none
+_SAME = 1e-9  # directions that are one
 
 
 def _unit_rows(equations: Equations, state: FloatArray) -> FloatArray:
-    """The Jacobian at one state in scaled unknowns, its rows of unit length."""
+    """The Jacobian at one state in scaled unknowns, its rows of unit length; one of rounding alone is none."""
     rows = np.array(equations.linearised(state.tolist())[1], dtype=np.float64) * equations.scales
-    return np.asarray(rows / np.sqrt(np.einsum("ij,ij->i", rows, rows))[:, None])
+    lengths = np.sqrt(np.einsum("ij,ij->i", rows, rows))
+    terms = np.array(equations.term_sizes(state.tolist()), dtype=np.float64)
+    return np.asarray(rows / np.where(lengths > CROSSING * terms, lengths, terms)[:, None])
 
 
 def is_fold(equations: Equations, state: FloatArray) -> bool:
@@ -94,20 +99,39 @@ def parts_equal_balloons(equations: Equations, state: FloatArray) -> bool:
     return bool(np.all(together - softest > _SOFT * size))
 
 
-def parting_directions(equations: Equations, state: FloatArray) -> list[FloatArray]:
-    """How the stretches may part: the first balloon concerned grows, or the last of its equals shrinks.
+def parting_directions(equations: Equations, state: FloatArray, sense: float = 0.0) -> list[FloatArray]:
+    """The ways in which stretches may part in a state with several soft modes, in the order they are tried.
 
-    Each against all others, of unit length, (n_balloons,); of a pair the two are one. Of more than two equal
-    balloons there are several soft modes, on which the potential changes with the third power of the parting,
-    and these two are the ways on which it falls and rises most. Which of them leads down depends on the state.
+    First those that the drive pushes most as v goes on in a sense (±1; 0 where it stands still). Where it does
+    not choose, the first balloon concerned grows against all others; or, where that leads up, the last one
+    shrinks: with more than two equal balloons the potential changes with the third power of the parting, and
+    these are the ways on which it changes most. Each of unit length, (n_balloons,).
     """
     diagonal, _ = equations.stiffness(state.tolist())
     sizes, vectors = modes(equations, state)
     soft = vectors[:, np.abs(sizes - sizes[0]) <= _SOFT * max(np.abs(sizes).max(), np.abs(diagonal).max())]
-    first = int(np.argmax(np.abs(soft).max(axis=1) > _PART))
-    alike = symmetry(equations, state)
-    equals = next((one for one in alike.sets if first in one), (first,)) if alike else (first,)
     compliance = _compliance(equations, state)
-    grows, shrinks = (compliance * (soft @ soft[place]) for place in (first, equals[-1]))
-    found = [grows, -shrinks] if len(equals) > 2 else [grows]
-    return [np.asarray(change / np.linalg.norm(change)) for change in found]
+    push = soft.T @ (_pushed_ahead(equations, state, sense) / compliance)
+    concerned = np.flatnonzero(np.linalg.norm(soft, axis=1) > _PART)
+    ways = [*soft[concerned], *-soft[concerned[::-1]]]
+    along = np.round([float(push @ way) / np.linalg.norm(way) for way in ways], _PUSH_DIGITS)
+    ordered = [ways[place] for place in np.argsort(-along, kind="stable")]
+    if along.any():
+        ordered.insert(0, push)
+    found: list[FloatArray] = []
+    for way in ordered:
+        change = compliance * (soft @ way)
+        change = change / np.linalg.norm(change)
+        if all(change @ other < 1.0 - _SAME for other in found):
+            found.append(np.asarray(change))
+    return found
+
+
+def _pushed_ahead(equations: Equations, state: FloatArray, sense: float) -> FloatArray:
+    """How v pushes the balloons as it goes on, over the largest push; (n_balloons,), 0 where it does not."""
+    count = len(equations.walls)
+    ahead = state.copy()
+    ahead[-1] += sense * _AHEAD * equations.scales[-1]
+    forces = -np.array(equations.residual(ahead.tolist())[:count], dtype=np.float64)
+    largest = float(np.abs(forces).max())
+    return forces / largest if sense and largest > 0.0 else np.zeros(count)
