@@ -100,12 +100,11 @@ def parts_equal_balloons(equations: Equations, state: FloatArray) -> bool:
 
 
 def parting_directions(equations: Equations, state: FloatArray, sense: float = 0.0) -> list[FloatArray]:
-    """The ways in which stretches may part in a state with several soft modes, in the order they are tried.
+    """The ways in which stretches may part where several modes are soft: one balloon against all others.
 
-    First those that the drive pushes most as v goes on in a sense (±1; 0 where it stands still). Where it does
-    not choose, the first balloon concerned grows against all others; or, where that leads up, the last one
-    shrinks: with more than two equal balloons the potential changes with the third power of the parting, and
-    these are the ways on which it changes most. Each of unit length, (n_balloons,).
+    In order of how much the drive pushes that way as v goes on in a sense (±1; 0 where it stands still). Where
+    it does not choose, first those on which one balloon grows, the first before the others; then those on
+    which one shrinks, the last before the others. Each of unit length, (n_balloons,).
     """
     diagonal, _ = equations.stiffness(state.tolist())
     sizes, vectors = modes(equations, state)
@@ -115,12 +114,9 @@ def parting_directions(equations: Equations, state: FloatArray, sense: float = 0
     concerned = np.flatnonzero(np.linalg.norm(soft, axis=1) > _PART)
     ways = [*soft[concerned], *-soft[concerned[::-1]]]
     along = np.round([float(push @ way) / np.linalg.norm(way) for way in ways], _PUSH_DIGITS)
-    ordered = [ways[place] for place in np.argsort(-along, kind="stable")]
-    if along.any():
-        ordered.insert(0, push)
     found: list[FloatArray] = []
-    for way in ordered:
-        change = compliance * (soft @ way)
+    for place in np.argsort(-along, kind="stable").tolist():
+        change = compliance * (soft @ ways[place])
         change = change / np.linalg.norm(change)
         if all(change @ other < 1.0 - _SAME for other in found):
             found.append(np.asarray(change))
