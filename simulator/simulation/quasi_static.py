@@ -18,8 +18,8 @@ from simulator.simulation.legs import SAME_INSTANT, PlayedLeg, played_legs
 from simulator.simulation.playback import Playback, record_exits
 from simulator.simulation.present import unknowns_of
 from simulator.simulation.recorder import sample_fractions
-from simulator.solver.flow import Rest
-from simulator.solver.singular import parts_equal_balloons, softest_change
+from simulator.solver.flow import Rest, steepest_first
+from simulator.solver.singular import parting_directions, parts_equal_balloons, softest_change
 
 if TYPE_CHECKING:
     from simulator.scenario import PlayedStep, Scenario
@@ -114,7 +114,7 @@ class QuasiStatic:
             return self.atlas.settle(group, np.array(equations.admitted(start.tolist())), state, tight=True)
 
         if parts_equal_balloons(equations, state):
-            return self.atlas.settle(group, state, state)
+            return along(steepest_first(equations, state, parting_directions(equations, state))[0])
         change = softest_change(equations, state)
         one, other = along(change), along(-change)
         return other if other.falls_further_than(one) else one

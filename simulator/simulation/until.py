@@ -254,6 +254,8 @@ def _passage(
         if part.exit is None or part.exit.landing is None:
             return None
         landing = part.exit.landing
+        before = float(margin(part.exit.before.tolist()))
+        side = side or (float(np.sign(before)) if abs(before) > _AT else 0.0)  # a branch left where it begins
         beyond = float(margin(landing.tolist()))
         if side * beyond <= 0.0 and side:
             return part.exit.fraction, float(landing[-1]), None, part.number + 1

@@ -16,6 +16,7 @@ from simulator.model.conditions import Condition
 from simulator.model.equations import Equations
 from simulator.model.symmetry import symmetry
 from simulator.solver import newton
+from simulator.solver.certify import sharp
 from simulator.solver.follow import follow
 from simulator.solver.ida import Effort
 from simulator.solver.segment import SHORT, STRAIGHT, Cubics, Segment, rounding
@@ -147,6 +148,8 @@ class Branch:
         """The branch from a branch point to a state near it, with directions there; None if it is none."""
         nodes = np.concatenate([point[:, None], near], axis=1)
         tangents = np.concatenate([newton.unit(equations, d) for d in directions], axis=1)
+        if sharp(equations, nodes, tangents).size:
+            return None  # Newton's method has found another state, far off
         segment, astray = Segment.through(equations, nodes, tangents)
         if astray.size:
             return None

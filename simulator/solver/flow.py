@@ -119,7 +119,7 @@ def relax(
     together = np.array(alike.widened(list(rest.path))) if rest.path.size else np.empty((start.size, 0))
     if rest.end is not None or not float(stability(equations).margin(state.tolist())) < -_PARTING:
         return Rest(state, rest.end, together)
-    directions = _steepest_first(equations, state, singular.parting_directions(equations, state))
+    directions = steepest_first(equations, state, singular.parting_directions(equations, state))
     starts = (_off(equations, conditions, state, way, [off]) for off in _FINE[::-1] for way in directions)
     start_apart = next((found for found in starts if found is not None), None)
     if start_apart is None:
@@ -218,17 +218,17 @@ def parted(
     escapes: Sequence[FloatArray],
     effort: Effort,
 ) -> Rest:
-    """Where the state goes from a branch point off which no branch goes on, on the first way that leads down.
+    """Where the state goes from a branch point off which no branch goes on, by the first way that leads down.
 
-    Parameters as of `snap`. Where it stands nothing but the third or fourth power of the parting drives it on,
-    which is of the size of what the other modes have to make up for; they do so first.
+    Parameters as of `snap`. Where it stands nothing but the third or fourth power of the parting drives it
+    on, which is of the size of what the other modes have to make up for; they do so first.
 
     Raises
     ------
     FlowError
         If no way leads down.
     """
-    ways = _steepest_first(equations, point, escapes)
+    ways = steepest_first(equations, point, escapes)
     for distance in _APART:
         for escape in ways:
             try:
@@ -240,9 +240,7 @@ def parted(
     raise FlowError("no way down from where equal balloons part")
 
 
-def _steepest_first(
-    equations: Equations, state: FloatArray, ways: Sequence[FloatArray]
-) -> list[FloatArray]:
+def steepest_first(equations: Equations, state: FloatArray, ways: Sequence[FloatArray]) -> list[FloatArray]:
     """Ways in which balloons may part, those first on which the flow is fastest; equal ones as they are.
 
     Where balloons are not quite equal they part by the mode of their differences, at first slowly; but the

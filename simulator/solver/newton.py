@@ -287,14 +287,16 @@ def at_event(equations: Equations, condition: Condition, guess: FloatArray) -> F
         found = np.linalg.lstsq(matrix / sizes[:, None], defect / sizes, rcond=_SINGULAR)[0]
         return (scales * found).tolist(), lambda: _rounds_to_zero(equations, state, defect, derivatives)
 
+    start = guess
     alike = symmetry(equations, guess, _EQUAL)
     if alike is not None:
-        # Several modes of equal balloons soften at once. Which of them the margin's slope is of is chance, and
-        # the step would lead aside; among states in which they are alike there is no choice.
+        # Several modes of equal balloons soften at once. Which of them the margin's slope is of is chance,
+        # and the step would lead aside; among states in which they are alike there is no choice.
+        narrow = alike.narrowed(guess)
+        start = np.array(alike.widened(narrow.tolist()))
         with contextlib.suppress(NotConverged):
-            found = at_event(alike.equations, alike.condition(condition), alike.narrowed(guess))
+            found = at_event(alike.equations, alike.condition(condition), narrow)
             return np.array(alike.widened(found.tolist()))
-    start = evened(equations, guess)
     state = solved_one(step, start, equations.scales, what, iterations=2 * _ITERATIONS)
     return _together(equations, condition, state)
 
@@ -378,12 +380,6 @@ def _rounds_to_zero(
 ) -> bool:
     """As `rounds_to_zero`, for one state."""
     return bool(rounds_to_zero(equations, np.array(state)[:, None], np.array(residual)[None], rows[None])[0])
-
-
-def evened(equations: Equations, state: FloatArray) -> FloatArray:
-    """A state with the stretches of equal balloons averaged where they are close."""
-    alike = symmetry(equations, state, _EQUAL)
-    return state if alike is None else np.array(alike.widened(alike.narrowed(state).tolist()))
 
 
 def tangents(equations: Equations, states: FloatArray, towards: FloatArray) -> FloatArray:

@@ -24,7 +24,7 @@ _SAME = 1e-9  # directions that are one
 
 
 def _unit_rows(equations: Equations, state: FloatArray) -> FloatArray:
-    """The Jacobian at one state in scaled unknowns, its rows of unit length; one of rounding alone is none."""
+    """The Jacobian at one state in scaled unknowns, rows of unit length; one of rounding alone is none."""
     rows = np.array(equations.linearised(state.tolist())[1], dtype=np.float64) * equations.scales
     lengths = np.sqrt(np.einsum("ij,ij->i", rows, rows))
     terms = np.array(equations.term_sizes(state.tolist()), dtype=np.float64)
@@ -102,9 +102,9 @@ def parts_equal_balloons(equations: Equations, state: FloatArray) -> bool:
 def parting_directions(equations: Equations, state: FloatArray, sense: float = 0.0) -> list[FloatArray]:
     """The ways in which stretches may part where several modes are soft: one balloon against all others.
 
-    In order of how much the drive pushes that way as v goes on in a sense (±1; 0 where it stands still). Where
-    it does not choose, first those on which one balloon grows, the first before the others; then those on
-    which one shrinks, the last before the others. Each of unit length, (n_balloons,).
+    In order of how much the drive pushes that way as v goes on in a sense (±1; 0 where it stands still).
+    Where it does not choose, first those on which one balloon grows, the first before the others; then those
+    on which one shrinks, the last before the others. Each of unit length, (n_balloons,).
     """
     diagonal, _ = equations.stiffness(state.tolist())
     sizes, vectors = modes(equations, state)
