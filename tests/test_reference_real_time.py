@@ -12,7 +12,7 @@ from scipy.integrate import trapezoid
 from scipy.linalg import expm
 
 from tests.oracle.general.real_time import play_real_time
-from tests.oracle.general.reference import Reference
+from tests.oracle.general.record import Reference
 
 CASES = Path(__file__).parent / "cases"
 PEAK = 1.2536545513298676  # of the inflation of a Gent balloon with J = 100

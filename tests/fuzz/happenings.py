@@ -32,9 +32,14 @@ _REST = 1e-10  # speed of a flow that has come to rest
 
 
 def problems_of(history: History) -> list[str]:
-    """What is wrong with the events of a quasi-static history."""
+    """What is wrong with the events and samples of a quasi-static history."""
     device = _Seen(history)
-    return device.events() + device.samples() + device.landings()
+    return device.events() + device.samples()
+
+
+def landing_problems_of(history: History) -> list[str]:
+    """What is wrong with where its snaps and jumps lead."""
+    return _Seen(history).landings()
 
 
 class _Seen:

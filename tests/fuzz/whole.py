@@ -35,7 +35,7 @@ def numbered(number: int, folder: Path) -> Played:
     if not _RUNNERS:
         _RUNNERS.extend([Runner(), Runner(REFERENCE_LIMIT)])
     document = grammar.numbered(number, folder)
-    return number, document, examine(document, *_RUNNERS)
+    return number, document, examine(document, *_RUNNERS, landings=number % 10 == 0)
 
 
 def fixed_slice(folder: Path) -> Iterator[Played]:

@@ -81,11 +81,13 @@ class Contents:
 class Device:
     """Balloons and their gas.
 
-    Stretches are (n,), voltages (n_electroded,), in the order of the scenario.
+    Stretches are (n,), voltages (n_electroded,), in the order of the scenario. `integrators` is how many of
+    them must agree on where a flow of this device ends.
     """
 
     balloons: tuple[Balloon, ...]
     gas: Gas
+    integrators: int = 2
 
     @classmethod
     def from_scenario(cls, document: Document | Scenario | str) -> Device:
@@ -118,11 +120,6 @@ class Device:
         """Gas volume, with the chamber."""
         x = np.asarray(stretch, dtype=float)
         return float(self.gas.chamber + np.sum((np.array([b.radius for b in self.balloons]) * x) ** 3) / 3.0)
-
-    def amount(self, stretch: ArrayLike, pressure: float) -> float:
-        """(p + pₑ)V, of a liquid the volume."""
-        volume = self.volume(stretch)
-        return volume if self.gas.law == "liquid" else (pressure + self.gas.ambient) * volume
 
     def charge(self, stretch: ArrayLike, voltage: ArrayLike) -> FloatArray:
         """Charges of the films."""

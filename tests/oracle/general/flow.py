@@ -128,7 +128,7 @@ def relax(eq: Equations, v: float, start: FloatArray, before: FloatArray, *, off
     top = eq.potential(before.tolist())
     # Off an equilibrium the second begins further away: where it ends should not depend on that.
     other = Motion(eq, v).projected(before[: eq.size] + 2.0 * (start - before[: eq.size])) if off else start
-    first, second = _by_two_methods(motion, start, other, off)
+    first, second = _by_two_methods(motion, start, other, off, eq.device.integrators)
     doubt = first.doubt or second.doubt
     if (first.kind, first.balloon) != (second.kind, second.balloon):
         doubt = f"two integrators end in {first.kind} and {second.kind}"
@@ -146,8 +146,13 @@ def relax(eq: Equations, v: float, start: FloatArray, before: FloatArray, *, off
     return replace(first, lost=lost, doubt=doubt)
 
 
-def _by_two_methods(motion: Motion, start: FloatArray, other: FloatArray, off: float) -> tuple[Rest, Rest]:
-    """Ends of a flow by the first two integrators that come to one; each is at a loss with some flow."""
+def _by_two_methods(
+    motion: Motion, start: FloatArray, other: FloatArray, off: float, wanted: int
+) -> tuple[Rest, Rest]:
+    """Ends of a flow by the first two integrators that come to one; each is at a loss with some flow.
+
+    Both are the same where only one is wanted.
+    """
     found: list[Rest] = []
     failure: FlowError | None = None
     for looser in (1.0, 100.0):  # rounding may be all that is seen at a tight tolerance
@@ -158,8 +163,8 @@ def _by_two_methods(motion: Motion, start: FloatArray, other: FloatArray, off: f
                 found.append(_followed(motion, other if found else start, method, tolerance, off))
             except FlowError as error:
                 failure = error
-            if len(found) == 2:
-                return found[0], found[1]
+            if len(found) == wanted:
+                return found[0], found[-1]
     if not found:
         raise failure or FlowError("no end")
     return found[0], replace(

@@ -2,15 +2,8 @@
 
 from __future__ import annotations
 
-import math
-
-import numpy as np
-from numpy.typing import NDArray
-
 from tests.oracle.general.energy import Energy, Stay
-from tests.oracle.general.record import Reference, ReferenceEvent, Segment, State
-
-FloatArray = NDArray[np.float64]
+from tests.oracle.general.record import Course, Reference, ReferenceEvent, Segment, State
 
 
 class Journal:
@@ -21,7 +14,6 @@ class Journal:
         self.ends: list[State] = []
         self.segments: list[Segment] = []
         self.stays: list[Stay] = []
-        self.grid: list[FloatArray] = []
         self.booked = Energy()
         self.doubt: str | None = None
         self.certain = 0
@@ -46,20 +38,6 @@ class Journal:
             tuple(self.ends),
             self.doubt,
             len(self.events) if self.doubt is None else self.certain,
-            tuple(self.segments),
-            tuple(self.stays),
-            self.booked,
-            np.concatenate(self.grid) if self.grid else np.zeros(0),
+            self.booked.dissipated,
+            Course(tuple(self.segments), tuple(self.stays), self.booked),
         )
-
-
-def sample_times(start: float, end: float, lasts: float, points: int, every: float | None) -> FloatArray:
-    """Times of the samples that a scenario asks for in a step, as far as it was played."""
-    if not lasts:
-        return np.array([start])
-    played = end - start
-    if every is None:
-        return start + played * np.linspace(0.0, 1.0, points)
-    count = math.floor(played / every * (1.0 + 1e-12))
-    times = np.minimum(np.arange(count + 1) * every, played)
-    return start + (times if times[-1] > played * (1.0 - 1e-9) else np.append(times, played))

@@ -17,7 +17,7 @@ from tests.oracle.general.energy import Stay, flow_work, stored
 from tests.oracle.general.equations import Equations
 from tests.oracle.general.flow import Rest
 from tests.oracle.general.hits import Hit, first_hits
-from tests.oracle.general.journal import Journal, sample_times
+from tests.oracle.general.journal import Journal
 from tests.oracle.general.parting import past_branch_point
 from tests.oracle.general.record import ReferenceEvent, Segment, State, state_of
 from tests.oracle.general.scenario import Scenario, Step
@@ -33,9 +33,8 @@ WAVES = ("jump", "sine", "triangle", "table")
 class Player:
     """Where the device is, and the record."""
 
-    def __init__(self, scenario: Scenario) -> None:
-        self.scenario = scenario
-        self.device = Device.from_scenario(scenario)
+    def __init__(self, scenario: Scenario, integrators: int) -> None:
+        self.device = Device(scenario.balloons, scenario.gas, integrators)
         self.films = [self.device.names[i] for i in self.device.electroded]
         self.time, self.number, self.outcome = 0.0, 0, "completed"
         self.stretch: FloatArray = np.ones(len(self.device.balloons))
@@ -44,7 +43,6 @@ class Player:
         self.charged = False
         self.is_open = False
         self.contents: Contents
-        self.amount = 0.0
         self._seal()
         self.branches: dict[Any, list[Branch]] = {}
         self.exits: dict[tuple[int, float], tuple[Rest, Branch | None]] = {}
@@ -61,7 +59,6 @@ class Player:
             self.values,
             self.charged,
             self.is_open,
-            self.amount,
         )
 
     def undecided(self, *reasons: str | None) -> None:
@@ -71,7 +68,6 @@ class Player:
 
     def _seal(self) -> None:
         self.contents = self.device.sealed(self.stretch, self.pressure)
-        self.amount = self.device.amount(self.stretch, self.pressure)
 
     # -- sets of equations -----------------------------------------------------------------------------
 
@@ -137,8 +133,6 @@ class Player:
             self._travel(step, legs, start, watched)
         if self.outcome == "completed":
             self.journal.ends.append(self.state())
-        asked = self.scenario.points, self.scenario.every
-        self.journal.grid.append(sample_times(start, self.time, step.lasts, *asked))
         if step.opens:
             self._seal()
 
@@ -298,7 +292,6 @@ class Player:
                 self.values,
                 self.charged,
                 self.is_open,
-                self.amount,
             )
         )
         self.journal.stays += [Stay(eq, branch, v, to) for eq, branch in pairs if v != to]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from simulator import Scenario, load_scenario
 from tests.oracle.general.creeping_flow import Drive, Film, FlowError, Motion, Spring, follow
 from tests.oracle.general.elastomers import loaded_law
-from tests.oracle.general.reference import Reference, ReferenceEvent, State
+from tests.oracle.general.record import Reference, ReferenceEvent, State
 from tests.oracle.general.waveforms import Part, parts_of
 
 FloatArray = NDArray[np.float64]
@@ -28,7 +28,10 @@ _NO_PRESSURE = 1e-13
 
 
 def play_real_time(
-    document: Mapping[str, Any], samples: tuple[FloatArray, NDArray[np.int64]] | None = None
+    document: Mapping[str, Any],
+    samples: tuple[FloatArray, NDArray[np.int64]] | None = None,
+    *,
+    integrators: int = 2,
 ) -> Reference:
     """The history of a scenario with `[dynamics]`.
 
@@ -38,6 +41,8 @@ def play_real_time(
         As for `load_scenario`.
     samples : (n,) array of times and (n,) array of steps, optional
         Rising; states are returned at these, as far as the history gets.
+    integrators : {1, 2}
+        How many play it; one alone has no check here.
 
     Returns
     -------
@@ -47,7 +52,7 @@ def play_real_time(
     scenario = load_scenario(document)
     played: list[_Player] = []
     doubts: list[str] = []
-    for methods in _METHODS:
+    for methods in _METHODS[:integrators]:
         for method in methods:
             player = _Player(scenario, method, samples)
             try:
@@ -59,7 +64,7 @@ def play_real_time(
             played.append(player)
             break
     if not played:
-        return Reference("?", (), None, (), tuple(doubts), 0)
+        return Reference("?", (), None, (), "; ".join(doubts), 0)
     first, last = played[0], played[-1]
     for player in played:
         doubts += player.doubts
@@ -67,8 +72,8 @@ def play_real_time(
     if difference:
         doubts.append(difference)
     if doubts:
-        certain = min(certain, 0 if len(played) < 2 else len(first.events))
-    return last.reference(tuple(dict.fromkeys(doubts)), certain, _spread(first, last))
+        certain = min(certain, 0 if len(played) < integrators else len(first.events))
+    return last.reference("; ".join(dict.fromkeys(doubts)) or None, certain, _spread(first, last))
 
 
 class _Player:
@@ -89,7 +94,7 @@ class _Player:
         self.state = self.motion.at_rest()
         self.voltage = np.zeros(len(self.names))
         self.pressure, self.clock, self.step = 0.0, 0.0, 0
-        self.stable, self.ended = True, False
+        self.stable, self.ended, self.is_open = True, False, False
         self.outcome = "completed"
         self.events: list[ReferenceEvent] = []
         self.ends: list[State] = []
@@ -107,13 +112,13 @@ class _Player:
                 return
             self.ends.append(self._now())
 
-    def reference(self, doubts: tuple[str, ...], certain: int, spread: float) -> Reference:
+    def reference(self, doubt: str | None, certain: int, spread: float) -> Reference:
         return Reference(
             self.outcome,
             tuple(self.events),
             self._now(),
             tuple(self.ends),
-            doubts,
+            doubt,
             certain,
             samples=np.array(self.sampled).reshape(len(self.sampled), self.motion.count),
             sample_times=np.array([time for time, _ in self.sampled_at]),
@@ -131,26 +136,26 @@ class _Player:
         return absolute - self.ambient, -self.gamma * absolute / volume
 
     def _play(self, step: Any) -> None:
-        opens = hasattr(step, "inflate") or step.valve == "open"
+        self.is_open = hasattr(step, "inflate") or step.valve == "open"
         parts = parts_of(step, self.names, self.films, self.voltage)
         lasts = parts[-1].begin + parts[-1].lasts
         first = self.pressure
         start = self.clock
         for part in parts:
             pressure: Callable[[float], float] | None = None
-            if opens:
+            if self.is_open:
                 rise = ((step.inflate - first) / lasts) if hasattr(step, "inflate") else 0.0
                 pressure = partial(lambda t, at, rise: at + rise * t, at=first + rise * part.begin, rise=rise)
                 if hasattr(step, "inflate"):
                     pressure = partial(_ramped, first=first, last=step.inflate, lasts=lasts)
-            gas = None if opens else self._gas_pressure
+            gas = None if self.is_open else self._gas_pressure
             drive = Drive(part.lasts, part.voltages, pressure, gas, part.longest)
             self.voltage = part.voltages(0.0)
             self._move(drive, start, part)
             if self.ended:
                 return
         self.clock = start + lasts
-        if opens:
+        if self.is_open:
             self._seal()
 
     def _move(self, drive: Drive, start: float, part: Part) -> None:
@@ -171,7 +176,7 @@ class _Player:
             self.voltage = part.voltages(crossing.time)
             stretch = self.state[: self.motion.count].tolist()
             self.pressure = self.motion.pressure(crossing.time, stretch, drive)
-            self._note(crossing.kind)
+            self._note(crossing.kind, crossing.place)
         if leg.ended:
             return
         self.doubts += [f"{kind} only touched in step {self.step}" for kind in leg.grazing]
@@ -190,15 +195,15 @@ class _Player:
                 return taut
         margins = self.motion.margins(0.0, self.state, drive)
         # A film that breaks at once ends the history, stable or not.
-        for kind, _, margin in margins:
+        for kind, place, margin in margins:
             if kind not in ("limit_point", "loss_of_tension") and margin <= 0.0 and not self.ended:
-                self._note(kind)
+                self._note(kind, place)
         if self.ended:
             return taut
         unstable = [m for kind, _, m in margins if kind == "limit_point" and m < 0.0]
         if self.stable:
             for _ in unstable:
-                self._note("limit_point")
+                self._note("limit_point", 0)
         self.stable = not unstable
         return taut
 
@@ -211,7 +216,7 @@ class _Player:
         still = float(np.max(np.abs(rates[:count]))) * max(drive.lasts, 1.0) < 1e-12
         moves = any(np.any(drive.voltages(share * drive.lasts) != 0.0) for share in (0.0, 0.37, 1.0))
         if (still and moves) or (not still and growth > 0.0):
-            self._note("loss_of_tension")
+            self._note("loss_of_tension", 0)
         return not still
 
     def _times(self, begin: float, lasts: float) -> FloatArray:
@@ -224,16 +229,18 @@ class _Player:
 
     def _now(self) -> State:
         count = self.motion.count
-        return State(
-            self.clock, self.step, self.state[:count].copy(), self.pressure, self.voltage[self.places]
-        )
+        stretch, voltage = self.state[:count].copy(), self.voltage[self.places]
+        films = [self.motion.films[i] for i in self.places]
+        capacitance = np.array([f.radius**2 * f.permittivity / f.thickness for f in films])
+        charge = capacitance * stretch[self.places] ** 4 * voltage
+        return State(self.clock, self.step, stretch, self.pressure, voltage, charge, self.is_open)
 
-    def _note(self, kind: str) -> None:
+    def _note(self, kind: str, place: int) -> None:
         now = self._now()
         ends = kind != "limit_point"
-        self.events.append(
-            ReferenceEvent(kind, self.step, self.clock, now, None if ends else now, None if ends else 0.0)
-        )
+        after, lost = (None, None) if ends else (now, 0.0)
+        name = self.names[place] if ends and kind != "loss_of_tension" else None
+        self.events.append(ReferenceEvent(kind, self.step, self.clock, now.voltage, now, after, lost, name))
         if ends:
             self.ended, self.outcome = True, kind
 

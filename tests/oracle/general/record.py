@@ -1,7 +1,8 @@
-"""What the reference says of a quasi-static scenario: outcome, events, states, and where it cannot decide."""
+"""What a reference says of a scenario: outcome, events, states, and where it cannot decide."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -31,8 +32,6 @@ class State:
     stretch : (n_balloons,) array
     pressure : float
     voltage, charge : (n_electroded,) arrays
-    gas : float
-        The amount (p + pₑ)V as it was sealed, or is with the valve open; of a liquid its volume.
     valve_open : bool
     """
 
@@ -42,7 +41,6 @@ class State:
     pressure: float
     voltage: FloatArray
     charge: FloatArray
-    gas: float
     valve_open: bool
 
 
@@ -81,7 +79,6 @@ class Segment:
     values: tuple[float, ...]
     charged: bool
     is_open: bool
-    amount: float
 
     def state(self, time: float) -> State:
         """The state at a time of the segment."""
@@ -94,9 +91,7 @@ class Segment:
                 y = branch.state(v)
                 stretch[list(equations.members)] = y[: equations.size]
                 pressure = float(equations.pressure_of(y.tolist()))
-        return state_of(
-            self.device, time, self.step, stretch, pressure, values, self.charged, self.is_open, self.amount
-        )
+        return state_of(self.device, time, self.step, stretch, pressure, values, self.charged, self.is_open)
 
 
 def state_of(
@@ -108,62 +103,21 @@ def state_of(
     values: Iterable[float],
     charged: bool,
     is_open: bool,
-    amount: float,
 ) -> State:
     """A state with what follows from it; `values` are voltages, or charges."""
     given = np.array(list(values), dtype=float)
     unit = device.charge(stretch, np.ones(given.size))
     voltage, charge = (given / unit, given) if charged else (given, given * unit)
-    gas = device.amount(stretch, pressure) if is_open else amount
-    return State(time, step, stretch.copy(), float(pressure), voltage, charge, float(gas), is_open)
+    return State(time, step, stretch.copy(), float(pressure), voltage, charge, is_open)
 
 
 @dataclass(frozen=True)
-class Reference:
-    """A whole history.
+class Course:
+    """A quasi-static history between its events; `booked` is what jumps and snaps did."""
 
-    Attributes
-    ----------
-    outcome : str
-        "completed", or the kind of the event that ended it.
-    events : tuple of ReferenceEvent
-    end : State
-    step_ends : tuple of State
-        At the end of each step that was played to its end.
-    undecided : str or None
-        Why something might be otherwise.
-    certain : int
-        How many of the events, from the first on, are certain.
-    segments, stays
-        How states and works are found; see `at` and `energy`.
-    booked : Energy
-        What jumps and snaps did.
-    samples, sample_times, sample_steps : None
-        A reference in real time has them; here `at` gives any state.
-    """
-
-    outcome: str
-    events: tuple[ReferenceEvent, ...]
-    end: State
-    step_ends: tuple[State, ...]
-    undecided: str | None
-    certain: int
-    segments: tuple[Segment, ...] = field(repr=False)
-    stays: tuple[Stay, ...] = field(repr=False)
-    booked: Energy = field(repr=False)
-    grid: FloatArray = field(repr=False)
-    samples: None = None
-    sample_times: None = None
-    sample_steps: None = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Without the branches, which stay in their process: `at` and `energy` do not go to another."""
-        return {**self.__dict__, "segments": (), "stays": ()}
-
-    @property
-    def dissipated(self) -> float:
-        """What all events lost."""
-        return self.booked.dissipated
+    segments: tuple[Segment, ...]
+    stays: tuple[Stay, ...]
+    booked: Energy
 
     @cached_property
     def energy(self) -> Energy:
@@ -181,3 +135,47 @@ class Reference:
                 raise ValueError(f"time {time} is not in the history")
             out.append(segment.state(min(max(time, segment.start), segment.end)))
         return out
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A whole history.
+
+    Attributes
+    ----------
+    outcome : str
+        "completed", or the kind of the event that ended it.
+    events : tuple of ReferenceEvent
+    end : State or None
+        None where nothing could be played.
+    step_ends : tuple of State
+        At the end of each step that was played to its end.
+    undecided : str or None
+        Why something might be otherwise.
+    certain : int
+        How many of the events, from the first on, are certain.
+    dissipated : float
+        By all events, or by all motion in real time.
+    course : Course or None
+        Of a quasi-static history. It stays in its process: no other one gets it.
+    samples : (n, n_balloons) array or None
+        Of a history in real time: stretches at `sample_times` in `sample_steps`.
+    spread : float
+        How far two ways to compute it are apart, where it was computed in two ways.
+    """
+
+    outcome: str
+    events: tuple[ReferenceEvent, ...]
+    end: State | None
+    step_ends: tuple[State, ...]
+    undecided: str | None
+    certain: int
+    dissipated: float = math.nan
+    course: Course | None = field(default=None, repr=False)
+    samples: FloatArray | None = None
+    sample_times: FloatArray | None = None
+    sample_steps: FloatArray | None = None
+    spread: float = 0.0
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "course": None}

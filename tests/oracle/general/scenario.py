@@ -91,8 +91,6 @@ class Scenario:
     balloons: tuple[Balloon, ...]
     gas: Gas
     steps: tuple[Step, ...]
-    points: int = 101
-    every: float | None = None
     in_real_time: bool = False
 
 
@@ -115,8 +113,6 @@ class _Reader:
         steps: list[Step] = []
         for step in _unrolled(written["step"]):
             steps.append(self._step(len(steps) + 1, step))
-        output = written.get("output", {})
-        every = output.get("every")
         return Scenario(
             tuple(self._balloon(b) for b in written["balloon"]),
             Gas(
@@ -126,8 +122,6 @@ class _Reader:
                 float(gas.get("exponent", 1.4)),
             ),
             tuple(steps),
-            int(output.get("points", 101)),
-            None if every is None else self._number(every, "time"),
             "dynamics" in written,
         )
 
