@@ -261,7 +261,9 @@ class _Seen:
             if leg.ended:
                 return leg.crossings[-1].kind, state[:-1], float(state[-1])
             if np.max(np.abs(motion.rates(0.0, state, drive)[:-1])) < _REST:
-                return "rest", state[:-1], float(state[-1])
+                # Balloons that are alike may rest where only that keeps them; how they part is not told here.
+                stable = min(motion.stability(0.0, state, drive)) > 0.0
+                return ("rest", state[:-1], float(state[-1])) if stable else None
         return None
 
 

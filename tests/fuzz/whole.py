@@ -11,6 +11,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -26,6 +27,7 @@ Played = tuple[int, dict[str, Any], Verdict]
 REFERENCE_LIMIT = 90.0
 SLICE = 24  # scenarios in the test-suite: about 30 s
 WRONG = ("disagreement", "crash", "hang")
+KINDS = ("agreed", "undecided", "solver_error", *WRONG)
 
 _RUNNERS: list[Runner] = []
 
@@ -43,49 +45,62 @@ def fixed_slice(folder: Path) -> Iterator[Played]:
     return command.play(partial(numbered, folder=folder), range(SLICE), 1)
 
 
+@dataclass
+class _Counts:
+    """What has been found so far."""
+
+    seed: int
+    start: float = field(default_factory=time.perf_counter)
+    totals: Counter[str] = field(default_factory=Counter)
+    kinds: Counter[str] = field(default_factory=Counter)
+    outcomes: Counter[str] = field(default_factory=Counter)
+    seconds: Counter[str] = field(default_factory=Counter)
+    worst: dict[str, tuple[float, int]] = field(default_factory=dict)
+
+    def add(self, number: int, verdict: Verdict) -> None:
+        self.kinds[verdict.kind] += 1
+        self.outcomes[verdict.outcome] += 1
+        self.totals.update(
+            scenarios=1, compared=verdict.compared, events=verdict.events, samples=verdict.samples
+        )
+        self.seconds.update(verdict.seconds)
+        if verdict.kind not in WRONG:
+            for what, error in verdict.worst.items():
+                self.worst[what] = max(self.worst.get(what, (-1.0, 0)), (error, number))
+
+    def write(self, file: Path) -> None:
+        report = {
+            "seed": self.seed,
+            **self.totals,
+            **{kind: self.kinds[kind] for kind in KINDS},
+            "worst": {what: error for what, (error, _) in sorted(self.worst.items())},
+            "seconds": round(time.perf_counter() - self.start, 1),
+        }
+        file.write_text(json.dumps(report, indent=2) + "\n")
+
+
 def main() -> int:
     parser = command.parser("tests.fuzz.whole", "Random scenarios of the whole grammar.", 200, parallel=True)
-    parser.add_argument("--report", type=Path, help="JSON file for the counts and the worst differences")
+    parser.add_argument("--report", type=Path, help="JSON file of counts and worst differences, as it goes")
     options = parser.parse_args()
-    start = time.perf_counter()
-    kinds: Counter[str] = Counter()
-    outcomes: Counter[str] = Counter()
-    totals: Counter[str] = Counter(scenarios=0, compared=0, events=0, samples=0)
-    seconds: Counter[str] = Counter()
-    worst: dict[str, tuple[float, int]] = {}
+    counts = _Counts(options.seed)
     with TemporaryDirectory() as folder, contextlib.suppress(KeyboardInterrupt):
         one = partial(numbered, folder=Path(folder))
         played = command.play(one, command.numbers(options), options.jobs)
         for number, document, verdict in command.with_progress(played, options.count):
-            kinds[verdict.kind] += 1
-            outcomes[verdict.outcome] += 1
-            totals.update(
-                scenarios=1, compared=verdict.compared, events=verdict.events, samples=verdict.samples
-            )
-            seconds.update(verdict.seconds)
-            if verdict.kind not in WRONG:
-                for what, error in verdict.worst.items():
-                    worst[what] = max(worst.get(what, (-1.0, 0)), (error, number))
+            counts.add(number, verdict)
             if verdict.kind in WRONG or verdict.kind == "solver_error":
                 file = options.keep / f"{verdict.kind}-{number}.json"
                 keep(document, file, kind=verdict.kind, problems=verdict.problems, message=verdict.message)
-                print(
-                    f"{file}: " + "; ".join(verdict.problems[:3] or [verdict.message]),
-                    file=sys.stderr,
-                    flush=True,
-                )
-    command.print_counts(totals=totals, verdicts=kinds, outcomes=outcomes, seconds=seconds)
-    command.print_worst(worst)
-    if options.report:
-        report = {
-            "n": totals["scenarios"],
-            "seed": options.seed,
-            **{kind: kinds[kind] for kind in ("agreed", "undecided", "solver_error", *WRONG)},
-            "worst": {what: error for what, (error, _) in sorted(worst.items())},
-            "seconds": round(time.perf_counter() - start, 1),
-        }
-        options.report.write_text(json.dumps(report, indent=2) + "\n")
-    return 1 if any(kinds[kind] for kind in WRONG) else 0
+                told = "; ".join(verdict.problems[:3] or [verdict.message])
+                print(f"{file}: {told}", file=sys.stderr, flush=True)
+            if options.report:
+                counts.write(options.report)
+    command.print_counts(
+        totals=counts.totals, verdicts=counts.kinds, outcomes=counts.outcomes, seconds=counts.seconds
+    )
+    command.print_worst(counts.worst)
+    return 1 if any(counts.kinds[kind] for kind in WRONG) else 0
 
 
 if __name__ == "__main__":

@@ -182,7 +182,7 @@ def inverse_langevin(x: float) -> float:
             new = 1.0 / ((1.0 - x) + (2.0 / math.expm1(2.0 * b) if b < 350.0 else 0.0))
         else:
             new = b - (langevin(b) - x) / langevin_slope(b)
-        if not abs(new - b) > 2e-16 * b:
+        if not abs(new - b) > 1e-9 * b:  # the next step would be the square of this one
             return new
         b = new
     return b
