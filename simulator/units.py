@@ -14,7 +14,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     import numpy as np
     from numpy.typing import NDArray
@@ -34,25 +34,28 @@ class Dimension:
         Its SI unit.
     scale : str
         The attribute of `Scales` that is its unit in the dimensionless model.
+    symbol : str
+        That unit as a formula.
     """
 
     name: str
     example: str
     unit: str
     scale: str
+    symbol: str
 
 
-TIME = Dimension("a time", "30 s", "s", "time")
-RADIUS = Dimension("a length", "20 mm", "m", "radius")
-THICKNESS = Dimension("a length", "0.5 mm", "m", "thickness")
-MODULUS = Dimension("a modulus", "45 kPa", "Pa", "shear_modulus")
-PERMITTIVITY = Dimension("a permittivity", "41.6 pF/m", "F/m", "absolute_permittivity")
-PRESSURE = Dimension("a pressure", "2 kPa", "Pa", "pressure")
-VOLTAGE = Dimension("a voltage", "8 kV", "V", "voltage")
-FIELD = Dimension("an electric field", "250 MV/m", "V/m", "field")
-CHARGE = Dimension("a charge", "1 µC", "C", "charge")
-VOLUME = Dimension("a volume", "0.5 l", "m^3", "volume")
-ENERGY = Dimension("an energy", "1 mJ", "J", "energy")
+TIME = Dimension("a time", "30 s", "s", "time", "s")
+RADIUS = Dimension("a length", "20 mm", "m", "radius", "R")
+THICKNESS = Dimension("a length", "0.5 mm", "m", "thickness", "H")
+MODULUS = Dimension("a modulus", "45 kPa", "Pa", "shear_modulus", "μ")
+PERMITTIVITY = Dimension("a permittivity", "41.6 pF/m", "F/m", "absolute_permittivity", "ε")
+PRESSURE = Dimension("a pressure", "2 kPa", "Pa", "pressure", "μH/R")
+VOLTAGE = Dimension("a voltage", "8 kV", "V", "voltage", "H√(μ/ε)")
+FIELD = Dimension("an electric field", "250 MV/m", "V/m", "field", "√(μ/ε)")
+CHARGE = Dimension("a charge", "1 µC", "C", "charge", "4πR²√(εμ)")
+VOLUME = Dimension("a volume", "0.5 l", "m^3", "volume", "4πR³")
+ENERGY = Dimension("an energy", "1 mJ", "J", "energy", "4πR²Hμ")
 
 # Of the quantities in results; a stretch becomes a radius, which depends on the balloon.
 QUANTITIES = {
@@ -191,14 +194,19 @@ def read(text: str, dimension: Dimension, scales: Scales) -> float:
     ValueError
         If the unit is unknown (then it says so), or the text is none of the dimension.
     """
+    value = read_si(text, dimension) / scales.of(dimension)
+    if not math.isfinite(value):
+        raise ValueError("it is too large")
+    return value
+
+
+def read_si(text: str, dimension: Dimension) -> float:
+    """A text with a unit as a number in the SI unit of its dimension. Raises as `read`."""
     found = _QUANTITY.fullmatch(text) if has_unit(text) else None
     if found is None:
         raise ValueError("")
     with localcontext(Context(prec=34)):
-        value = float(Decimal(found["number"]) * _factor(found["unit"], dimension)) / scales.of(dimension)
-    if not math.isfinite(value):
-        raise ValueError("it is too large")
-    return value
+        return float(Decimal(found["number"]) * _factor(found["unit"], dimension))
 
 
 @cache
@@ -260,6 +268,14 @@ def in_si(
     return found
 
 
+def per(unit: str, other: str) -> str:
+    """A unit over another one: "V/mm", "V/(μH/R)"; the first alone where the other has none."""
+    other = f"({other})" if "/" in other else other
+    return f"{unit}/{other}" if other else unit
+
+
+NOISE = 1e-12  # of a dimensionless number: what is smaller is rounding, and no number to choose a prefix by
+
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
 
 
@@ -283,6 +299,32 @@ def prefixed(dimension: Dimension, largest: float) -> tuple[float, str]:
         exponent = 3 * math.floor(math.log10(largest * (1.0 + 1e-9)) / 3.0)
         exponent = min(max(exponent, -12), 0 if dimension.unit == "m" else 12)
     return 10.0**exponent, _PREFIXES[exponent] + dimension.unit
+
+
+def of_column(dimension: Dimension, scales: Scales, values: Iterable[float]) -> tuple[float, str]:
+    """The unit in which a column of numbers reads best: that of the one in the middle.
+
+    Parameters
+    ----------
+    dimension : Dimension
+    scales : Scales
+    values : iterable of float
+        Dimensionless. What is rounding, below `NOISE`, has no say, and one enormous value has not either.
+
+    Returns
+    -------
+    (float, str)
+        What the dimensionless numbers are to be multiplied by, and the symbol of the unit.
+    """
+    sizes = sorted(abs(value) for value in values if abs(value) > NOISE)
+    scale = scales.of(dimension)
+    size, unit = prefixed(dimension, sizes[len(sizes) // 2] * scale if sizes else 0.0)
+    return scale / size, unit
+
+
+def said(dimension: Dimension, scales: Scales, value: float, digits: int = 6) -> str:
+    """A dimensionless number as a text with a unit: "8.1 kV"; what is rounding is 0."""
+    return with_prefix(dimension, value * scales.of(dimension) if abs(value) > NOISE else 0.0, digits)
 
 
 def with_prefix(dimension: Dimension, value: float, digits: int = 6) -> str:

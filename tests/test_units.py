@@ -18,7 +18,7 @@ from pydantic import Field, PlainSerializer, ValidationError
 
 from simulator import units
 from simulator.scenario import Problem, Scenario, ScenarioError, Table, dimension_of, load_scenario
-from simulator.scenario.fields import Chosen, ElectricCharge, Frozen, Volume, by_name
+from simulator.scenario.fields import ByName, Chosen, ElectricCharge, Frozen, Volume
 from simulator.units import VACUUM_PERMITTIVITY, Dimension, Scales, as_written
 
 GENT = {"model": "gent", "J_lim": 270}
@@ -180,7 +180,7 @@ class Vessel(Frozen):
     chamber: Volume = 0.0
     charge: Annotated[
         float | dict[str, float],
-        Chosen(by_name(ElectricCharge)),
+        Chosen(ByName(ElectricCharge)),
         PlainSerializer(as_written),
         Field(description="a number, or a table of numbers"),
     ] = 0.0

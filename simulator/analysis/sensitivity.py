@@ -32,9 +32,11 @@ from simulator.model.drive import VoltageLine
 from simulator.results.history import Event, History
 from simulator.results.sensitivity import Sensitivity
 from simulator.scenario import Charge, Inflate, Sine, SineByName, duration
+from simulator.scenario.dimensions import unit_of
 from simulator.scenario.keys import number_at, physical_keys
 from simulator.simulation import motion
 from simulator.simulation.motion import Electrodes
+from simulator.units import PRESSURE, VOLTAGE
 
 if TYPE_CHECKING:
     from simulator.model.groups import AnyEquations
@@ -62,7 +64,8 @@ def sensitivities(
     Returns
     -------
     tuple of Sensitivity
-        By key, and for each by balloon with electrodes whose voltage moves in that step.
+        By key, and for each by balloon with electrodes whose voltage moves in that step. In units where the
+        scenario has [scales].
 
     Raises
     ------
@@ -96,7 +99,9 @@ def sensitivities(
         rate = here.rate(key, value)
         if isinstance(here.step, Inflate):
             moved = [("pressure", event.pressure_before, rate)]
+            dimension = PRESSURE
         else:
+            dimension = VOLTAGE
             moved = [
                 (f"voltage_{name}", float(voltage), rate * share)
                 for name, voltage, share in zip(
@@ -104,8 +109,13 @@ def sensitivities(
                 )
                 if share
             ]
+        scale, units = 1.0, ("", "")
+        if scenario.scales is not None:
+            scale, units = scenario.scales.of(dimension), (dimension.unit, unit_of(scenario, key))
         found += [
-            Sensitivity(event.time, event.step, of, at, key, value, slope, event.kind.value)
+            Sensitivity(
+                event.time, event.step, of, at * scale, key, value, slope * scale, event.kind.value, *units
+            )
             for of, at, slope in moved
         ]
     return tuple(found)

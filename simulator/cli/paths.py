@@ -12,6 +12,7 @@ import typer
 from simulator.cli.endings import BAD_INPUT, errors_reported, fail, solver_failures_reported
 from simulator.cli.options import Quiet, ScenarioArgument, results_option
 from simulator.cli.summary import summarise_fold, summarise_trace
+from simulator.cli.summary_units import print_bare
 
 if TYPE_CHECKING:
     from simulator.results.curve import Curve
@@ -72,6 +73,7 @@ def trace(
         paths += write_files(directory, pictures) if pictures else []
     if not quiet:
         summarise_trace(curves, paths, asked=any(limit is not None for limit in wanted.limits.values()))
+        print_bare(loaded)
 
 
 def fold(
@@ -114,6 +116,7 @@ def fold(
         paths += write_files(directory, pictures) if pictures else []
     if not quiet:
         summarise_fold(curve, to, paths)
+        print_bare(loaded)
 
 
 @dataclass(frozen=True)

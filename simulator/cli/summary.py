@@ -88,9 +88,11 @@ def summarise_run(history: History, paths: list[Path]) -> None:
     for verdict in history.verdicts:
         print(f"film     {_fate(verdict, history.scenario.scales)}")
     from simulator.cli.summary_shape import shape_lines  # loads what reads scenarios
+    from simulator.cli.summary_units import print_bare
 
     for line in shape_lines(history):
         print(f"shape    {line}")
+    print_bare(history.scenario)
     balance, statistics = history.energy_balance, history.statistics
     print(f"energy   closes to {balance.relative_imbalance:.1e} of the work exchanged")
     print(f"cost     {statistics.seconds:.3f} s, {statistics.ida_steps} IDA steps, {len(history)} samples")
@@ -101,7 +103,7 @@ def _fate(verdict: Verdict, scales: Scales | None) -> str:
     """How a film fared, in words."""
     where = f"at time {verdict.time:.7g}{' s' if scales else ''}, step {verdict.step}"
     field, strength = (
-        units.with_prefix(units.FIELD, value * scales.field) if scales else _short(value)
+        units.said(units.FIELD, scales, value) if scales else _short(value)
         for value in (verdict.field, verdict.strength)
     )
     field = f"field {field}, strength {strength}"
@@ -214,10 +216,14 @@ def _point_table(curves: Sequence[Curve]) -> Table:
         table.add_column(heading, justify="right", no_wrap=True)
     for i, curve in enumerate(curves, start=1):
         for point in curve.points:
-            values = (*(point.voltage * volts), *point.stretch, point.pressure * pascals)
+            values = (
+                *(_short(voltage, volts) for voltage in point.voltage),
+                *(_short(stretch) for stretch in point.stretch),
+                _short(point.pressure, pascals),
+            )
             number = [f"{i}"] if len(curves) > 1 else []
             what = f"{point.kind}\n  {point.balloon}" if point.balloon else point.kind
-            table.add_row(*number, what, *(_short(value) for value in values))
+            table.add_row(*number, what, *values)
     return table
 
 
@@ -249,10 +255,10 @@ def _event_table(history: History) -> Table:
             f"{event.time:.7g}",
             f"{event.step}",
             event.kind.value if event.stretch_after is None else f"{event.kind.value}\n  to",
-            *(_short(value) for value in event.voltage * volts),
+            *(_short(value, volts) for value in event.voltage),
             *_both_sides(event.stretch_before, event.stretch_after),
             *_both_sides(event.pressure_before, event.pressure_after, pascals),
-            "" if event.dissipated is None else f"\n{_short(event.dissipated * joules)}",
+            "" if event.dissipated is None else f"\n{_short(event.dissipated, joules)}",
         )
     return table
 
@@ -262,24 +268,22 @@ def _both_sides(
 ) -> list[str]:
     sides = [before] if after is None else [before, after]
     columns = zip(*([side] if isinstance(side, float) else side for side in sides), strict=True)
-    return ["\n".join(_short(value * factor) for value in column) for column in columns]
+    return ["\n".join(_short(value, factor) for value in column) for column in columns]
 
 
 def _unit(scales: Scales | None, dimension: Dimension, values: Sequence[float | None]) -> tuple[float, str]:
     """What the dimensionless values of a column are to be multiplied by, and the end of its heading."""
     if scales is None:
         return 1.0, ""
-    scale = scales.of(dimension)
-    largest = max((abs(value) for value in values if value is not None), default=0.0)
-    size, unit = units.prefixed(dimension, largest * scale)
-    return scale / size, f"\n\\[{unit}]"  # escaped: rich takes brackets for markup
+    factor, unit = units.of_column(dimension, scales, [value for value in values if value is not None])
+    return factor, f"\n\\[{unit}]"  # escaped: rich takes brackets for markup
 
 
 def _with_unit(scales: Scales | None, dimension: Dimension | None, value: float) -> str:
     """A dimensionless value as such, or with its unit."""
     if scales is None or dimension is None:
         return f"{value:.10g}"
-    return units.with_prefix(dimension, value * scales.of(dimension), 10)
+    return units.said(dimension, scales, value, 10)
 
 
 def print_files(paths: Sequence[Path]) -> None:
@@ -292,9 +296,10 @@ def printable(title: str) -> str:
     return "".join(letter if letter.isprintable() else " " for letter in title)
 
 
-def _short(value: float) -> str:
+def _short(value: float, factor: float = 1.0) -> str:
+    """A dimensionless value in the unit of its column."""
     # Rounding errors about zero are noise to a reader; the files keep every digit.
-    return f"{value:.6g}" if abs(value) > 1e-11 else "0"
+    return f"{value * factor:.6g}" if abs(value) > 1e-11 else "0"
 
 
 def _print_table(table: Table) -> None:

@@ -82,14 +82,10 @@ def _drive(history: History, event: Event, balloon: str) -> str:
     step = next(s for number, s in enumerate(history.scenario.played_steps(), 1) if number == event.step)
     if isinstance(step, Inflate) or not history.electroded:
         pressure = event.pressure_before
-        return (
-            f"p {pressure:.5g}"
-            if scales is None
-            else units.with_prefix(units.PRESSURE, pressure * scales.pressure)
-        )
+        return f"p {pressure:.5g}" if scales is None else units.said(units.PRESSURE, scales, pressure)
     place = history.electroded.index(balloon) if balloon in history.electroded else 0
     voltage = float(event.voltage[place])
-    return f"{voltage:.5g}" if scales is None else units.with_prefix(units.VOLTAGE, voltage * scales.voltage)
+    return f"{voltage:.5g}" if scales is None else units.said(units.VOLTAGE, scales, voltage)
 
 
 def _state(history: History, loss: Loss, balloon: str) -> str:

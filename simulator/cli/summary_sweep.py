@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from simulator.sweep import SweepResult
-    from simulator.sweep.optimum import Optimum
+    from simulator.sweep.optimum import Optimum, Question
 
 _ERRORS_SHOWN = 3
 _BETWEEN_LINES = 60.0  # seconds between two lines where there is no terminal to draw a bar in
@@ -136,14 +136,26 @@ def summarise_optimum(found: Optimum, paths: list[Path]) -> None:
     assert row is not None
     print(printable(question.sweep.title))
     word = "largest" if question.sense < 0.0 else "smallest"
-    print(f"\n{word:8} {question.column} = {found.value:.10g}")
+    print(f"\n{word:8} {question.column} = {_with_unit(question, question.column, found.value)}")
     names = [axis.key for axis in question.sweep.axes]
     names += [question.sweep.job.past.key] if question.sweep.job.past else []
     for i, name in enumerate(names):
-        print(f"{'at' if not i else '':8} {name} = {row[name]:.10g}")
+        print(f"{'at' if not i else '':8} {name} = {_with_unit(question, name, row[name])}")
     for i, name in enumerate(question.where):
         value = row[name]
-        print(f"{'where' if not i else '':8} {name} = {value if isinstance(value, str) else f'{value:.10g}'}")
+        said = value if isinstance(value, str) else _with_unit(question, name, value)
+        print(f"{'where' if not i else '':8} {name} = {said}")
     settled = "converged" if found.converged else "not converged, more generations may find better"
     print(f"cost     {len(found.runs):,} runs, {settled}")
     print_files(paths)
+
+
+def _with_unit(question: Question, column: str, value: float) -> str:
+    """A value of a column, with its unit where it has one."""
+    from simulator.sweep.measures import quantity
+    from simulator.units import with_prefix
+
+    dimension, unit = quantity(column), question.units.get(column, "")
+    if dimension is not None and unit:
+        return with_prefix(dimension, value, 10)
+    return f"{value:.10g} {unit}".rstrip()

@@ -44,6 +44,8 @@ def sweep(
 ) -> None:
     """Play a scenario once for each point of a grid or a sample; write sweep.csv and sweep.parquet."""
     from simulator.cli.summary_sweep import summarise_sweep, sweep_progress
+    from simulator.cli.summary_units import print_bare
+    from simulator.scenario import load_scenario
     from simulator.sweep import ExecutorError, read_sweep, run_sweep
     from simulator.sweep.storage import stored, tally
 
@@ -65,6 +67,7 @@ def sweep(
             fail(f"{error}\n{_kept(directory)}", SOLVER_FAILED)
         if not quiet:
             summarise_sweep(read.title, result, *tally(stored(directory)))
+            print_bare(load_scenario(read.job.scenario))
 
 
 def draw_map(
@@ -143,7 +146,9 @@ def optimize(
 ) -> None:
     """Find the run that makes one column largest or smallest under conditions; write optimum.csv."""
     from simulator.cli.summary_sweep import count_progress, summarise_optimum
+    from simulator.cli.summary_units import print_bare
     from simulator.results.files import check_writable
+    from simulator.scenario import load_scenario
     from simulator.sweep.optimum import OPTIMUM_FILES, read_question
     from simulator.sweep.optimum import optimize as search
 
@@ -158,6 +163,7 @@ def optimize(
         fail(f"none of {len(found.runs):,} runs meets the conditions; all are in {paths[-1]}", SOLVER_FAILED)
     if not quiet:
         summarise_optimum(found, paths)
+        print_bare(load_scenario(asked.sweep.job.scenario))
 
 
 @contextmanager

@@ -215,9 +215,16 @@ def fold_columns(curve: FoldCurve) -> Columns:
 
 
 def sensitivity_columns(found: Sequence[Sensitivity]) -> Columns:
-    """Sensitivities by column, in the order of `sensitivities.csv`; each is an attribute of `Sensitivity`."""
-    names = ("time", "step", "kind", "of", "value", "key", "parameter", "derivative")
-    return {name: np.array([getattr(one, name) for one in found]) for name in names}
+    """Sensitivities by column, in the order of `sensitivities.csv`; each is an attribute of `Sensitivity`.
+
+    Where they have units, each number has a column with its unit behind it.
+    """
+    names = ["time", "step", "kind", "of", "value", "key", "parameter", "derivative"]
+    if any(one.unit for one in found):
+        names = ["time", "step", "kind", "of", "value", "unit", "key", "parameter", "parameter_unit"]
+        names += ["derivative", "derivative_unit"]
+    columns = {name: np.array([getattr(one, name) for one in found]) for name in names}
+    return {"time [s]" if name == "time" and "unit" in names else name: columns[name] for name in names}
 
 
 def _with_si(columns: Columns, history: History) -> Columns:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from simulator.units import per
+
 
 @dataclass(frozen=True)
 class Sensitivity:
@@ -18,12 +20,15 @@ class Sensitivity:
     value : float
         The voltage or pressure of the event.
     key : str
-        The number, in the unit it is written in.
+        The number.
     parameter : float
-        Its value.
+        Its value, in the unit it is written in.
     derivative : float
     kind : str
         Of the event: "limit_point", "loss_of_sphericity" or "sphericity_regained".
+    unit, parameter_unit, derivative_unit : str
+        Of a scenario with [scales]: "V" or "Pa"; what the number is written in, or where it has no unit what
+        it is a multiple of, such as "R"; and "V/mm". Empty where there is none.
     """
 
     time: float
@@ -34,3 +39,9 @@ class Sensitivity:
     parameter: float
     derivative: float
     kind: str = "limit_point"
+    unit: str = ""
+    parameter_unit: str = ""
+
+    @property
+    def derivative_unit(self) -> str:
+        return per(self.unit, self.parameter_unit)

@@ -134,19 +134,25 @@ class Chosen:
         return core_schema.with_info_plain_validator_function(self.function)
 
 
-def by_name(kind: Any) -> Callable[[Any, ValidationInfo], float | dict[str, float]]:
-    """Chooses between one number of a kind, and such numbers by balloon name."""
-    one: TypeAdapter[float] = TypeAdapter(kind)
-    several: TypeAdapter[dict[str, float]] = TypeAdapter(
-        Annotated[dict[str, kind], AfterValidator(not_empty)]
-    )
+class ByName:
+    """Chooses between one number of a kind, and such numbers by balloon name.
 
-    def choose(value: Any, info: ValidationInfo) -> float | dict[str, float]:
-        if isinstance(value, Mapping):
-            return several.validate_python(value, context=info.context)
-        return one.validate_python(value, context=info.context)
+    `dimension` is what the numbers measure, None where they never have a unit.
+    """
 
-    return choose
+    def __init__(self, kind: Any) -> None:
+        self.one: TypeAdapter[float] = TypeAdapter(kind)
+        self.several: TypeAdapter[dict[str, float]] = TypeAdapter(
+            Annotated[dict[str, kind], AfterValidator(not_empty)]
+        )
+        marks = getattr(kind, "__metadata__", ())
+        self.dimension = next((mark.dimension for mark in marks if isinstance(mark, Measured)), None)
+
+    def __call__(self, value: Any, info: ValidationInfo) -> float | dict[str, float]:
+        """The number or the numbers. Raises ValidationError."""
+        chosen: TypeAdapter[Any] = self.several if isinstance(value, Mapping) else self.one
+        found: float | dict[str, float] = chosen.validate_python(value, context=info.context)
+        return found
 
 
 class Frozen(BaseModel):

@@ -138,6 +138,13 @@ def read_table(path: str, scales: Scales | None) -> bytes:
     return columns.tobytes()
 
 
+def has_units(path: str) -> bool:
+    """Whether the header of a table that `read_table` reads names a unit of the voltage."""
+    rows = (row for row in _read_text(path).splitlines() if row.strip())
+    cells = (_COLUMN.fullmatch(cell.strip(' "')) for cell in next(rows, "").split(","))
+    return any(cell is not None and cell[1] == "voltage" and cell[2] is not None for cell in cells)
+
+
 def read_curve(path: str) -> bytes:
     """Stretches, then f(λ), of a measured curve, as the bytes of float64; `column` reads them.
 

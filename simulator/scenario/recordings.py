@@ -79,20 +79,27 @@ class Recording(Frozen):
     )
     # Bytes, because an array comes out of a pickle writeable and has no plain equality.
     _samples: bytes = PrivateAttr(default=b"")
+    _bare: bool = PrivateAttr(default=False)
 
     def model_post_init(self, context: Any, /) -> None:
         """Read the file."""
         found = context or {}
         try:
-            self._samples = _read(self, found.get("scales")).tobytes()
+            samples, self._bare = _read(self, found.get("scales"))
         except RecordingError as error:
             value = _as_written(self.file, found.get("folder", "")) if error.key == ("file",) else error.value
             raise refused(error.allowed, value, *error.key) from None
+        self._samples = samples.tobytes()
 
     @property
     def layout(self) -> Layout:
         """How the file is written."""
         return Layout(self.separator, self.decimal, self.skip)
+
+    @property
+    def bare(self) -> bool:
+        """Whether neither the header nor `units` say what the voltages are in."""
+        return self._bare
 
     @property
     def times(self) -> FloatArray:
@@ -152,8 +159,8 @@ def recorded(value: Any, info: ValidationInfo) -> str | Recording | RecordingByN
     return kind.model_validate(value, context=info.context)
 
 
-def _read(recording: Recording, scales: Scales | None) -> FloatArray:
-    """Times, then voltages, (2, n), dimensionless."""
+def _read(recording: Recording, scales: Scales | None) -> tuple[FloatArray, bool]:
+    """Times, then voltages, (2, n), dimensionless; and whether nothing says what the voltages are in."""
     if recording.separator == recording.decimal:
         raise RecordingError("must differ from the separator", ("decimal",), recording.decimal)
     file = opened(recording.file, recording.layout)
@@ -166,15 +173,17 @@ def _read(recording: Recording, scales: Scales | None) -> FloatArray:
         if not any(named in names for names in known.values()):
             columns = " and ".join(names[0] for names in known.values())
             raise RecordingError(f"must be of a column that is read, {columns}", ("units", named), unit)
-    factors = []
+    factors, bare = [], False
     for key, place in places.items():
         name = next((name for name in known[key] if name in recording.units), None)
+        bare = name is None and name_and_unit(file.names[place])[1] is None  # in the end of the voltage
         if name is not None:
             factors.append(_factor(key, ("units", name), recording.units[name], scales))
         else:
             factors.append(_factor_of_header(key, known[key][0], file.names[place], scales))
     columns = numbers(file, (places["time"], places["voltage"])) * np.array(factors)[:, None]
-    return _from_zero(file, columns, float(recording.offset), explicit="offset" in recording.model_fields_set)
+    explicit = "offset" in recording.model_fields_set
+    return _from_zero(file, columns, float(recording.offset), explicit=explicit), bare
 
 
 def _as_written(path: str, folder: str) -> str:

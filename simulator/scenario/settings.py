@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, PlainSerializer
 
-from simulator.scenario.fields import Chosen, Float, Frozen, Int, Time, by_name
+from simulator.scenario.fields import ByName, Chosen, Float, Frozen, Int, Time
 from simulator.units import as_written
 
 
@@ -22,7 +22,7 @@ class Dynamics(Frozen):
 
     relaxation_time: Annotated[
         float | dict[str, float],
-        Chosen(by_name(Time)),
+        Chosen(ByName(Time)),
         PlainSerializer(as_written),
         Field(description="a number > 0, or a table with one for every balloon by name"),
     ]

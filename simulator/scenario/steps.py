@@ -11,6 +11,7 @@ from pydantic import AfterValidator, ConfigDict, Field, PlainSerializer, Private
 
 from simulator import units
 from simulator.scenario.fields import (
+    ByName,
     Chosen,
     ElectricCharge,
     ElectricField,
@@ -22,7 +23,6 @@ from simulator.scenario.fields import (
     Pressure,
     Time,
     Voltage,
-    by_name,
     not_empty,
     refused,
 )
@@ -35,7 +35,7 @@ Valve = Annotated[Literal["closed", "open"], Field(description='"closed" or "ope
 
 Voltages = Annotated[
     float | dict[str, float],
-    Chosen(by_name(Voltage)),
+    Chosen(ByName(Voltage)),
     PlainSerializer(as_written),
     Field(description="a number, or a table of one or more numbers by balloon name"),
 ]
@@ -43,7 +43,7 @@ Voltages = Annotated[
 
 Charges = Annotated[
     float | dict[str, float],
-    Chosen(by_name(ElectricCharge)),
+    Chosen(ByName(ElectricCharge)),
     PlainSerializer(as_written),
     Field(description="a number, or a table of one or more numbers by balloon name"),
 ]
@@ -51,14 +51,14 @@ Charges = Annotated[
 
 Stretches = Annotated[
     float | dict[str, float] | None,
-    Chosen(by_name(Positive)),
+    Chosen(ByName(Positive)),
     Field(description="a number > 0, or a table of one or more numbers > 0 by balloon name"),
 ]
 
 
 Fields = Annotated[
     float | dict[str, float] | None,
-    Chosen(by_name(ElectricField)),
+    Chosen(ByName(ElectricField)),
     PlainSerializer(as_written),
     Field(description="a number > 0, or a table of one or more numbers > 0 by balloon name"),
 ]

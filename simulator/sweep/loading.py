@@ -33,8 +33,8 @@ def load_sweep(directory: str | os.PathLike[str]) -> xr.Dataset | pd.DataFrame:
     -------
     xarray.Dataset or pandas.DataFrame
         Of a grid the dataset: one dimension for each key that was varied, one variable for each other
-        column. Of samples the table, one row for each run. Runs that are not there yet are NaN or "",
-        or no rows.
+        column, with its unit as the attribute `units`. Of samples the table, one row for each run. Runs
+        that are not there yet are NaN or "", or no rows.
 
     Raises
     ------
@@ -44,9 +44,9 @@ def load_sweep(directory: str | os.PathLike[str]) -> xr.Dataset | pd.DataFrame:
         If it is a grid and xarray is not installed.
     """
     record = read_record(Path(directory))
-    table = load_table(directory)
     if record["grid"] is None:
-        return table
+        return load_table(directory)
+    table = load_columns(directory)
     try:
         import xarray as xr
     except ImportError as error:
@@ -78,17 +78,26 @@ def load_sweep(directory: str | os.PathLike[str]) -> xr.Dataset | pd.DataFrame:
 def load_table(directory: str | os.PathLike[str]) -> pd.DataFrame:
     """The rows of a sweep that are there, as a table in order of the runs; columns as in `sweep.csv`.
 
+    With [scales] these have their unit behind their name: `landing_pressure [Pa]`.
+
     Raises
     ------
     OutputError
         If there is no sweep.
     """
+    table = load_columns(directory)
+    return table.set_axis(stored(Path(directory)).titles, axis="columns")
+
+
+def load_columns(directory: str | os.PathLike[str]) -> pd.DataFrame:
+    """As `load_table`, the columns by their names alone; their units are in the sweep's record."""
     import pandas as pd
 
     store = stored(Path(directory))
     if (store.directory / PARQUET).is_file():
         try:
-            return _typed(pd.read_parquet(store.directory / PARQUET), store.kinds)
+            table = pd.read_parquet(store.directory / PARQUET)
+            return _typed(table.set_axis(list(store.kinds), axis="columns"), store.kinds)
         except ImportError:  # no pyarrow; the other file says the same
             pass
     source: Any = store.directory / TABLE if store.complete else io.BytesIO(b"".join(store.texts()))

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -23,22 +23,34 @@ from simulator.results.files import write_files
 from simulator.results.shapes import SHAPES
 from simulator.scenario import Problem, ScenarioError
 from simulator.scenario.fields import Chosen, Float, Frozen, Int, problems_of, refused
-from simulator.scenario.mapping import near
+from simulator.scenario.mapping import near, number_and_unit
 from simulator.scenario.reading import check_kind, read_toml
-from simulator.sweep.plan import Sweep
+from simulator.sweep.measures import in_units, quantity, scale_sizes, titled
+from simulator.sweep.plan import Job, Sweep, Value
 from simulator.sweep.reading import read_sweep
 from simulator.sweep.rows import BEHAVIOURS, OUTCOMES, as_text, columns, play
+from simulator.units import Dimension, read_si
 
 FloatArray = NDArray[np.float64]
 
 OPTIMUM_FILES = ("optimum.csv", "evaluations.csv")
 
 
-class Bounds(Frozen):
-    """A number's limits, both allowed."""
+def _limit(value: Any, _: ValidationInfo) -> float | str:
+    found = number_and_unit(value)
+    if found is None or not math.isfinite(found[0]):
+        raise refused('must be a number, or with [scales] a text such as "218 MV/m"', value)
+    return value if isinstance(value, str) else found[0]
 
-    below: Annotated[Float | None, Field(description="a number")] = None
-    above: Annotated[Float | None, Field(description="a number")] = None
+
+Limit = Annotated[float | str | None, Chosen(_limit), Field(description="a number")]
+
+
+class Bounds(Frozen):
+    """A number's limits, both allowed; texts with a unit until they are read in the unit of their column."""
+
+    below: Limit = None
+    above: Limit = None
 
 
 def _condition(value: Any, _: ValidationInfo) -> Bounds | tuple[str, ...]:
@@ -82,7 +94,8 @@ class OptimumTable(Frozen):
 class Question:
     """What is to be optimised, as returned by `read_question`: a sweep over intervals, and what to look for.
 
-    `sense` is −1 to make `column` large, +1 to make it small.
+    `sense` is −1 to make `column` large, +1 to make it small. Bounds in `where` are numbers in the units of
+    their columns. What these are divided by to be of order one is in `sizes`: the scale of their unit.
     """
 
     sweep: Sweep
@@ -90,6 +103,12 @@ class Question:
     sense: float
     where: Mapping[str, Bounds | tuple[str, ...]]
     search: SearchTable
+    sizes: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """The units of the columns that have one."""
+        return self.sweep.job.units
 
 
 @dataclass
@@ -100,12 +119,23 @@ class _Runs:
     progress: Callable[[int], None] | None
     rows: dict[tuple[float, ...], dict[str, Any]] = field(default_factory=dict)
 
+    @cached_property
+    def names(self) -> list[str]:
+        return list(columns(self.question.sweep.job))
+
+    @cached_property
+    def converted(self) -> Callable[[Sequence[Value], Sequence[Any]], Sequence[Any]]:
+        """What turns the cells of a row into their units."""
+        return in_units(self.question.sweep.job, self.names)
+
     def at(self, place: FloatArray) -> dict[str, Any]:
         key = tuple(place.tolist())
         if key not in self.rows:
             job = self.question.sweep.job
             values = [float(axis.at(share)) for axis, share in zip(job.axes, key, strict=True)]
-            self.rows[key] = play(job, len(self.rows), values)
+            row = play(job, len(self.rows), values)
+            cells = self.converted(values, [row.get(name) for name in self.names])
+            self.rows[key] = {name: cell for name, cell in zip(self.names, cells, strict=True) if name in row}
             if self.progress:
                 self.progress(len(self.rows))
         return self.rows[key]
@@ -127,7 +157,8 @@ class _Runs:
             value = _number(row, column)
             for limit, sign in ((condition.below, 1.0), (condition.above, -1.0)):
                 if limit is not None:
-                    out.append(-1e9 if value is None else sign * (limit - value))
+                    off = math.nan if value is None else sign * (float(limit) - value)
+                    out.append(-1e9 if value is None else off / self.question.sizes.get(column, 1.0))
         return out
 
     def feasible(self) -> list[dict[str, Any]]:
@@ -146,9 +177,9 @@ class Optimum:
     Attributes
     ----------
     row : mapping
-        By column, as in a sweep; None where no run met the conditions.
+        By column, as in a sweep, in the units of `question.units`; None where no run met the conditions.
     value : float
-        Of the column that was optimised.
+        Of the column that was optimised, in its unit.
     runs : tuple of mapping
         All runs played, in order.
     converged : bool
@@ -164,9 +195,12 @@ class Optimum:
     def to_csv(self, directory: str | os.PathLike[str]) -> list[Path]:
         """Write `optimum.csv`, the best run, and `evaluations.csv`, all; return their paths."""
         names = list(columns(self.question.sweep.job))
+        titles = titled(names, self.question.units)
 
         def write(rows: list[Mapping[str, Any]], stream: Any) -> None:
-            stream.write((",".join(names) + "\n" + as_text([r.get(n) for n in names] for r in rows)).encode())
+            stream.write(
+                (",".join(titles) + "\n" + as_text([r.get(n) for n in names] for r in rows)).encode()
+            )
 
         tables: list[list[Mapping[str, Any]]] = [[] if self.row is None else [self.row], list(self.runs)]
         return write_files(
@@ -228,12 +262,18 @@ def read_question(source: QuestionLike) -> Question:
     ]
     if len(found) != 1:
         wrong.append(Problem("maximize", None, "must be given, or minimize, and not both"))
+    where: dict[str, Bounds | tuple[str, ...]] = {}
     for name, condition in read.where.items():
-        wrong += _wrong_condition(name, condition, kinds)
+        problems = list(_wrong_condition(name, condition, kinds))
+        where[name] = condition
+        if isinstance(condition, Bounds) and not problems:
+            where[name], problems = _in_its_unit(name, condition, sweep.job)
+        wrong += problems
     if wrong:
         raise ScenarioError(file, *wrong)
     ((word, column),) = found.items()
-    return Question(sweep, column, -1.0 if word == "maximize" else 1.0, read.where, read.search)
+    sizes = scale_sizes(sweep.job, where)
+    return Question(sweep, column, -1.0 if word == "maximize" else 1.0, where, read.search, sizes)
 
 
 _WORDS = {"outcome": OUTCOMES, "behaviour": BEHAVIOURS, "shape": SHAPES}
@@ -256,6 +296,41 @@ def _wrong_condition(
     elif not isinstance(condition, Bounds) and name in _WORDS:
         for word in (word for word in condition if word not in _WORDS[name]):
             yield Problem(f"where.{name}", word, f"must be one of {', '.join(_WORDS[name])}")
+
+
+def _in_its_unit(column: str, bounds: Bounds, job: Job) -> tuple[Bounds, list[Problem]]:
+    """Bounds as numbers in the unit of their column, and what is wrong with them."""
+    unit, dimension = job.units.get(column, ""), quantity(column)
+    read: dict[str, float] = {}
+    wrong = []
+    for word, limit in (("below", bounds.below), ("above", bounds.above)):
+        if limit is None:
+            continue
+        try:
+            read[word] = _read_limit(limit, unit, dimension)
+        except ValueError as error:
+            wrong.append(Problem(f"where.{column}.{word}", limit, str(error)))
+    return bounds.model_copy(update=read), wrong
+
+
+def _read_limit(limit: float | str, unit: str, dimension: Dimension | None) -> float:
+    """A limit in the unit of its column. Raises ValueError, which says what is allowed."""
+    found = number_and_unit(limit)
+    assert found is not None
+    number, written = found[0], found[1].strip()
+    if written == unit or (number == 0.0 and not written):
+        return number
+    if not unit:
+        raise ValueError("must be a number without a unit: the column has none")
+    if dimension is None:
+        raise ValueError(f"must be in the unit that is varied, {unit}")
+    allowed = f'must be {dimension.name} such as "{dimension.example}"'
+    if not written:
+        raise ValueError(f"{allowed}: with [scales] the column has a unit")
+    try:
+        return read_si(str(limit), dimension)
+    except ValueError as error:
+        raise ValueError(f"{allowed}{str(error) and f'; {error}'}") from None
 
 
 def optimize(question: QuestionLike, *, progress: Callable[[int], None] | None = None) -> Optimum:

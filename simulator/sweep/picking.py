@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.scenario.mapping import near
-from simulator.sweep.loading import load_table
+from simulator.sweep.loading import load_columns
 from simulator.sweep.storage import read_record
 
 
@@ -75,7 +75,7 @@ def pick(
             )
         if option in ("--x", "--y") and kinds[name] not in ("number", "whole"):
             raise PickError(f"{option} {name}: must be a column of numbers, holds {kinds[name]}")
-    table = load_table(directory)
+    table = load_columns(directory)
     grid: dict[str, list[Any]] | None = record["grid"]
     if grid is not None:
         for option, name in wanted.items():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -129,6 +129,8 @@ class Job:
     balloons, electroded : tuple of str
     version : str
         Of this package: a worker of another one refuses, its numbers might differ.
+    units : mapping of str to str
+        Of the columns that have one.
     """
 
     scenario: Mapping[str, Any]
@@ -138,6 +140,7 @@ class Job:
     balloons: tuple[str, ...]
     electroded: tuple[str, ...]
     version: str
+    units: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,14 @@ from pydantic import Field, ValidationError, ValidationInfo
 
 from simulator import __version__
 from simulator.scenario import Cycle, Problem, Ramp, Scenario, ScenarioError, load_scenario
+from simulator.scenario.dimensions import dimension_of
 from simulator.scenario.fields import Chosen, Float, Frozen, Int, Text, problems_of, refused
 from simulator.scenario.keys import all_keys, physical_keys
 from simulator.scenario.mapping import near, number_and_unit, value_at, with_values
 from simulator.scenario.reading import check_kind, read_toml
+from simulator.sweep.measures import units_of
 from simulator.sweep.plan import Axis, Job, Past, Recorded, Sample, Sweep, Value, as_recorded, drawn
+from simulator.sweep.rows import columns
 
 MAX_RUNS = 10_000_000
 
@@ -171,7 +174,7 @@ def read_sweep(source: SweepLike, *, file: str | None = None) -> Sweep:
     scenario = load_scenario(os.path.join(folder, read.scenario) if base is None else base)
     home = os.path.dirname(os.path.abspath(scenario.file)) if base is None else ""
     axes = tuple(
-        replace(_as_axis(key, values), folder=home if _is_path(key) else "")
+        replace(_as_axis(key, values, scenario), folder=home if _is_path(key) else "")
         for key, values in read.vary.items()
     )
     problems = [*_of_form(read, axes)]
@@ -199,6 +202,7 @@ def _sweep(file: str, read: SweepFile, scenario: Scenario, axes: tuple[Axis, ...
         electroded=scenario.electroded,
         version=__version__,
     )
+    job = replace(job, units=units_of(scenario, job, columns(job)))
     definition: dict[str, Any] = {
         **read.model_dump(
             mode="json", by_alias=True, include={"vary", "sample", "past_limit_point", "record"}
@@ -214,15 +218,28 @@ def _sweep(file: str, read: SweepFile, scenario: Scenario, axes: tuple[Axis, ...
     return Sweep(file=file, title=title, job=job, sample=sample, definition=definition)
 
 
-def _as_axis(key: str, values: Range | tuple[Value, ...]) -> Axis:
+def _as_axis(key: str, values: Range | tuple[Value, ...], scenario: Scenario) -> Axis:
     if not isinstance(values, Range):
-        return Axis(key, values)
+        quantities = [number_and_unit(value) for value in values if isinstance(value, str)]
+        numbers = tuple(found[0] for found in quantities if found is not None)
+        if len(numbers) < len(values) or not _is_measured(scenario, key, values[0]):
+            return Axis(key, values)
+        units = {found[1] for found in quantities if found is not None}
+        return Axis(key, numbers, units.pop()) if len(units) == 1 else Axis(key, values)
     (low, unit), (high, _) = values.start, values.to
     log = values.spacing == "log"
     if values.points is None or values.points > MAX_RUNS or (log and min(low, high) <= 0.0):
         return Axis(key, (low, high), unit, log)
     spaced = np.geomspace if log else np.linspace
     return Axis(key, tuple(spaced(low, high, values.points).tolist()), unit, log)
+
+
+def _is_measured(scenario: Scenario, key: str, value: Value) -> bool:
+    """Whether a key may hold a value, and takes numbers with a unit."""
+    try:
+        return dimension_of(scenario.with_values({key: value}), key) is not None
+    except ScenarioError:  # said later, with the key of the sweep
+        return False
 
 
 def _is_path(key: str) -> bool:
@@ -238,6 +255,10 @@ def _of_form(read: SweepFile, axes: tuple[Axis, ...]) -> Iterator[Problem]:
         name = _quoted(("vary", key))
         if not isinstance(values, Range):
             size *= len(axis.values)
+            found = [number_and_unit(value) for value in values if isinstance(value, str)]
+            units = {each[1].strip() for each in found if each is not None}
+            if axis.kind == "text" and None not in found and len(units) > 1 and not _is_path(key):
+                yield Problem(name, list(values), "must be all in one unit")
             if read.sample:
                 yield Problem(
                     name, list(values), "must be an interval such as { from = 0.1, to = 1 }: drawn from"

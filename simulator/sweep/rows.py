@@ -22,6 +22,7 @@ from simulator.scenario import Inflate, ScenarioError, load_scenario
 from simulator.scenario.mapping import with_values
 from simulator.simulation.run import SolverError, simulate
 from simulator.sweep.lockstep import chunk
+from simulator.sweep.measures import in_units
 from simulator.sweep.plan import AT_REST, Job, Value
 
 if TYPE_CHECKING:
@@ -136,7 +137,10 @@ def play_chunk(job: Job, task: Task) -> str:
             f"a worker has dielectric-balloons {__version__}, the sweep was started by {job.version}; "
             "install the same version everywhere"
         )
-    return as_text(chunk.rows(job, task.start, task.values, task.audited, list(columns(job)), play))
+    names = list(columns(job))
+    rows = chunk.rows(job, task.start, task.values, task.audited, names, play)
+    converted = in_units(job, names)
+    return as_text(converted(values, row) for values, row in zip(task.values, rows, strict=True))
 
 
 def as_text(rows: Iterable[Sequence[object]]) -> str:
@@ -174,7 +178,8 @@ def play(job: Job, index: int, values: Sequence[Value]) -> dict[str, Any]:
     Returns
     -------
     dict
-        The row by column. What went wrong is in `error`; what the run does not have is left out.
+        The row by column, what was varied as it is written and the rest dimensionless. What went wrong is in
+        `error`; what the run does not have is left out.
     """
     started = time.perf_counter()
     row: dict[str, Any] = {"run": index + 1, **{a.key: v for a, v in zip(job.axes, values, strict=True)}}

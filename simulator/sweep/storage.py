@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from simulator.results.files import OutputError, check_writable, write_files
 from simulator.scenario import Problem, ScenarioError
 from simulator.sweep.lockstep.chunk import ALONE, LOCKSTEP
+from simulator.sweep.measures import titled
 from simulator.sweep.rows import columns
 
 if TYPE_CHECKING:
@@ -56,12 +57,20 @@ class Store:
         Runs of a chunk; the last may have fewer.
     kinds : mapping
         The columns and their kinds, see `rows.columns`.
+    units : mapping
+        Of the columns that have one.
     """
 
     directory: Path
     size: int
     chunk: int
     kinds: Mapping[str, str]
+    units: Mapping[str, str]
+
+    @property
+    def titles(self) -> list[str]:
+        """The columns as the table heads them: with their unit."""
+        return titled(self.kinds, self.units)
 
     @property
     def count(self) -> int:
@@ -150,13 +159,13 @@ def open_store(sweep: Sweep, directory: Path, *, resume: bool, chunk: int) -> St
         return _resumed(sweep, directory, kinds) if resume else _taken(directory)
     if (directory / TABLE).exists() or (directory / CHUNKS).exists():
         raise OutputError(f"cannot write to {str(directory)!r}: has results of a sweep but no {RECORD}")
-    store = Store(directory, sweep.size, chunk, kinds)
+    store = Store(directory, sweep.size, chunk, kinds, sweep.job.units)
     content = {
         "title": sweep.title,
         "runs": sweep.size,
         "chunk": store.chunk,
         "grid": None if sweep.sample else {axis.key: list(axis.values) for axis in sweep.axes},
-        "units": {axis.key: axis.unit.strip() for axis in sweep.axes if axis.unit},
+        "units": dict(sweep.job.units),
         "columns": dict(kinds),
         "definition": sweep.definition,
     }
@@ -209,7 +218,7 @@ def read_record(directory: Path) -> dict[str, Any]:
 def stored(directory: Path) -> Store:
     """The store in a directory, to read from."""
     record = read_record(directory)
-    return Store(directory, record["runs"], record["chunk"], record["columns"])
+    return Store(directory, record["runs"], record["chunk"], record["columns"], record["units"])
 
 
 def tally(store: Store) -> tuple[Counter[str], list[tuple[int, str]]]:
@@ -242,7 +251,7 @@ def _resumed(sweep: Sweep, directory: Path, kinds: Mapping[str, str]) -> Store:
         raise ScenarioError(sweep.file, Problem(key, None, allowed))
     for orphan in (directory / CHUNKS).glob(".*.tmp"):  # what a killed process was writing
         orphan.unlink(missing_ok=True)
-    return Store(directory, record["runs"], record["chunk"], kinds)
+    return Store(directory, record["runs"], record["chunk"], kinds, sweep.job.units)
 
 
 def _taken(directory: Path) -> Store:
@@ -277,8 +286,8 @@ def _name(number: int) -> str:
 
 
 def _header(store: Store) -> bytes:
-    # Column names are keys and names of the grammar, none of which has a comma or a quote.
-    return (",".join(store.kinds) + "\n").encode()
+    # Titles are keys, names and units of the grammar, none of which has a comma or a quote.
+    return (",".join(store.titles) + "\n").encode()
 
 
 def _write_table(store: Store, stream: BinaryIO) -> None:
@@ -310,7 +319,8 @@ def _schema(store: Store) -> pa.Schema:
     import pyarrow as pa
 
     types = {"number": pa.float64(), "whole": pa.int64(), "text": pa.string(), "truth": pa.bool_()}
-    return pa.schema([(name, types[kind]) for name, kind in store.kinds.items()])
+    titles = zip(store.titles, store.kinds.values(), strict=True)
+    return pa.schema([(title, types[kind]) for title, kind in titles])
 
 
 def as_arrow(store: Store, text: bytes) -> pa.Table:
@@ -320,6 +330,6 @@ def as_arrow(store: Store, text: bytes) -> pa.Table:
     schema = _schema(store)
     return arrow.read_csv(
         io.BytesIO(text),
-        read_options=arrow.ReadOptions(column_names=list(store.kinds)),
+        read_options=arrow.ReadOptions(column_names=store.titles),
         convert_options=arrow.ConvertOptions(column_types=schema, strings_can_be_null=False),
     )

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from simulator.results.plot.style import PRESSURE, STRETCH, VOLTAGE
+from simulator.units import NOISE, prefixed
 from simulator.units import PRESSURE as PRESSURES
 from simulator.units import RADIUS as LENGTHS
 from simulator.units import VOLTAGE as VOLTAGES
-from simulator.units import prefixed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -139,7 +139,8 @@ def add_stretch_axis(ax: Axes, unstretched: float) -> None:
 def _factor(dimension: Dimension, scales: Scales, values: FloatArray | float) -> tuple[float, str]:
     """What dimensionless values are to be multiplied by, and the unit they then have."""
     scale = scales.of(dimension)
-    size, unit = prefixed(dimension, float(np.max(np.abs(values), initial=0.0)) * scale)
+    largest = float(np.max(np.abs(values), initial=0.0))
+    size, unit = prefixed(dimension, largest * scale if largest > NOISE else 0.0)
     return scale / size, unit
 
 
