@@ -204,7 +204,7 @@ def _two_columns(
     if len(rows := rows[1:]) < fewest:
         count = {2: "two", 6: "six"}[fewest]
         raise ValueError(f"must have at least {count} rows below the header, has {len(rows)}")
-    columns = np.array([_two_numbers(row) for _, row in rows]).T
+    columns = _numbers(rows).T
     columns *= np.array(factors)[:, None]
     return names[1], rows, np.array(columns if titles[0] == names[0] else columns[::-1])
 
@@ -215,6 +215,16 @@ def _refuse(rows: list[_Row], *rules: tuple[str, Any]) -> None:
         if broken.any():
             number, row = rows[int(broken.argmax())]
             raise ValueError(f"row {number}: {rule}, is {short(row.strip())}")
+
+
+def _numbers(rows: list[_Row]) -> NDArray[np.float64]:
+    """The two numbers of each row, (n, 2); NaN in rows that have something else."""
+    try:
+        found = np.loadtxt([row for _, row in rows], delimiter=",", comments=None, quotechar='"', ndmin=2)
+    except ValueError:
+        found = np.empty((0, 0))
+    # Where a row is no two numbers, the others are read all the same.
+    return found if found.shape[1] == 2 else np.array([_two_numbers(row) for _, row in rows])
 
 
 def _two_numbers(row: str) -> tuple[float, float]:
