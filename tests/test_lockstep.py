@@ -16,6 +16,7 @@ from simulator.sweep.lockstep.chunk import DisagreementError
 from simulator.sweep.lockstep.programme import NotCovered
 from simulator.sweep.lockstep.stacking import Stack, rule, stacks
 from simulator.sweep.rows import columns, play
+from tests.fuzz.lockstep import fixed_slice
 from tests.sweeps import ROOT, Here
 
 GENT = {"model": "gent", "J_lim": 100}
@@ -120,6 +121,20 @@ def test_other_devices_come_out_the_same(changes, vary):
 )  # fmt: skip
 def test_other_histories_come_out_the_same(steps, vary, least):
     both_ways(sampled({**PAIR, "step": steps}, {**vary, "gas.ambient_pressure": (0.02, 1.0)}), least)
+
+
+def test_a_film_that_breaks_as_its_balloon_snaps_while_inflated():
+    film = {**PAIR["balloon"][0], "breakdown": {"field": 1.2}}
+    steps = [{"inflate": 0.8}, {"jump": 0.05, "valve": "open"}, {"inflate": 1.4}]
+    rows = both_ways(sampled({**PAIR, "balloon": [film], "step": steps}, {"step.3.inflate": (1.3, 1.6)}), 1.0)
+    assert {(row["behaviour"], row["inflation_snaps"]) for row in rows} == {("breakdown", 1)}
+
+
+def test_random_devices_and_steps(tmp_path):
+    """A slice of `python -m tests.fuzz.lockstep`."""
+    for outcome in fixed_slice(tmp_path):
+        assert outcome.problems == []
+        assert outcome.counts["compared"] > 0
 
 
 @pytest.mark.parametrize("count", [1, 3, 5])

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.events import EventKind
 from simulator.model.contents import Contents
 from simulator.model.device import Device
 from simulator.solver.batch import flow
@@ -16,7 +17,7 @@ from simulator.solver.batch.stacked import Stacked, taken
 from simulator.solver.segment import ULPS
 from simulator.sweep.lockstep.assembly import contents, opened, sealed
 from simulator.sweep.lockstep.programme import Move
-from simulator.sweep.lockstep.ride import GAVE_UP, THERE, Ride, drive, drive_each_once, settle
+from simulator.sweep.lockstep.ride import ENDS, GAVE_UP, THERE, Ride, Turn, drive, drive_each_once, settle
 from simulator.sweep.plan import AT_REST, Past
 
 FloatArray = NDArray[np.float64]
@@ -25,6 +26,7 @@ BoolArray = NDArray[np.bool_]
 
 _ONE_INSTANT = 1e-9  # of a step: events closer than this may be one
 _AT_ONCE = 1e-12  # closer than this they are one
+_WITH_A_SIDE = [1 + ENDS.index(kind) for kind in (EventKind.BREAKDOWN, EventKind.OUT_OF_RANGE)]
 
 
 @dataclass
@@ -209,7 +211,8 @@ def _inflate(state: Played, runs: Index, target: FloatArray) -> None:
     for i, batch, start, ride in rides:
         _book(state, runs, batch, start, ride, (i,), inflates=True)
         for turn in ride.turns:
-            state.inflation_snaps[runs[turn.runs[turn.rested]]] += 1
+            mine = runs[turn.runs]
+            state.inflation_snaps[mine[_arrived(turn, state.end[mine])]] += 1
     state.pressure[runs] = np.where(state.end[runs] == THERE, target, state.pressure[runs])
 
 
@@ -253,6 +256,11 @@ def _ramp(state: Played, runs: Index, target: FloatArray, times: float | None) -
     for _, _, _, ride in rides:
         stopped = (ride.end != THERE) & (ride.end != GAVE_UP)
         state.voltage[:, runs[stopped]] = (offset + rate * ride.states[-1])[:, stopped]
+
+
+def _arrived(turn: Turn, end: Index) -> BoolArray:
+    """Which snaps have a side after them: where a film breaks on the way, not where tension is lost."""
+    return turn.rested | np.isin(end, _WITH_A_SIDE)
 
 
 def _first_turns(ride: Ride, count: int) -> FloatArray:
@@ -372,8 +380,7 @@ def _turned(state: Played, runs: Index, rides: list[Any], offset: FloatArray, ra
         state.turns.append((voltage, mine))
         count = len(members)
         moved = np.abs(turn.after[:count] - turn.before[:count]).max(axis=0) > AT_REST
-        # A film that breaks in a snap has a side after it, too; tension that is lost has not.
-        kept = moved & (turn.rested | (state.end[mine] == 2) | (state.end[mine] == 4))
+        kept = moved & _arrived(turn, state.end[mine])
         fresh = kept & (state.snaps[mine] == 0)
         first = mine[fresh]
         if len(rides) > 1:
