@@ -6,6 +6,7 @@ The files are in `tests/cases`; each is the smallest one of its kind.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -95,6 +96,53 @@ def test_sealed_without_gas_a_voltage_that_falls_and_rises_takes_the_tension_whe
     assert history.outcome is Outcome.LOSS_OF_TENSION
     (event,) = history.events
     assert (event.step, event.time) == (3, 2.0)
+
+
+@pytest.mark.parametrize("gas", [{}, {"chamber": 1.0}, {"law": "adiabatic"}], ids=str)
+def test_sealed_without_gas_a_voltage_may_jump_down_and_only_its_rise_takes_the_tension(
+    gas: dict[str, Any],
+) -> None:
+    scenario = load_scenario(CASES / "vacuum-jump.toml").to_dict()
+    scenario["gas"] |= gas
+    history = simulate(load_scenario(scenario))
+    jump, loss = history.events
+    assert (jump.kind, loss.kind) == (EventKind.JUMP, EventKind.LOSS_OF_TENSION)
+    assert jump.stretch_after is not None
+    stretch = float(jump.stretch_after[0])
+    # f(λ) = 2φ²λ³
+    rest = 100.0 - (2.0 * stretch**2 + stretch**-4 - 3.0)
+    assert 200.0 * (stretch - stretch**-5) / rest == pytest.approx(2.0 * 0.2**2 * stretch**3, rel=1e-12)
+    assert loss.time == pytest.approx(3.0)
+    assert (loss.stretch_before[0], loss.pressure_before) == (1.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("step", "time"),
+    [
+        ({"ramp": -0.2}, 1.0 + 2.0 / 3.0),
+        ({"triangle": {"low": 0.4, "high": -0.2, "period": 1.0, "cycles": 2}}, 1.0 + 1.0 / 3.0),
+        ({"sine": {"mean": 0.4, "amplitude": -0.2, "period": 1.0, "cycles": 2}}, 1.25),
+        # 0.1 + 0.3 cos 2πt = 0
+        (
+            {"sine": {"a": {"mean": 0.1, "amplitude": 0.3, "phase": 0.25}, "period": 1.0, "cycles": 2}},
+            1.0 + np.arccos(-1.0 / 3.0) / (2.0 * np.pi),
+        ),
+    ],
+)
+def test_sealed_without_gas_tension_is_lost_where_the_magnitude_of_a_voltage_rises(
+    step: dict[str, Any], time: float
+) -> None:
+    scenario = load_scenario(CASES / "vacuum-jump.toml").to_dict()
+    history = simulate(load_scenario(scenario | {"step": [scenario["step"][0], step]}))
+    (event,) = history.events
+    assert event.kind is EventKind.LOSS_OF_TENSION
+    assert event.time == pytest.approx(time, abs=1e-12)
+
+
+def test_a_pressure_that_is_rounding_is_none() -> None:
+    scenario = load_scenario(CASES / "vacuum-jump.toml").to_dict()
+    history = simulate(load_scenario(scenario | {"step": [{"inflate": 1e-17}, {"hold": 1.0}]}))
+    assert history.outcome is Outcome.COMPLETED
 
 
 @pytest.mark.parametrize(("name", "time"), [("slack-again", 7.0 / 3.0), ("slack-again-b", 2.2)])

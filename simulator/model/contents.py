@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 Number = Any
 
-_TINY = float(np.finfo(float).tiny)
-
 
 class Contents(Protocol):
     """What is sealed in, as the equations need it."""
@@ -48,7 +46,7 @@ class Contents(Protocol):
 
     @property
     def slackens(self) -> bool:
-        """Whether the excess pressure can fall to 0: that of a gas in a vacuum cannot."""
+        """Whether the excess pressure can fall to 0: in a vacuum it cannot, or is 0 from the beginning."""
         ...
 
     def defect(self, pressure: Number, cubes: Number) -> Number:
@@ -124,7 +122,7 @@ class IdealGas:
 
     @property
     def slackens(self) -> bool:
-        return bool(self.ambient > 0.0 or self.amount <= _TINY)
+        return bool(self.ambient > 0.0)
 
     flow_law = _gas_flow_law
     admitted = _any_volume
@@ -177,7 +175,7 @@ class SealedGas:
 
     @property
     def slackens(self) -> bool:
-        return bool(self.ambient > 0.0 or self.pressure <= 0.0)
+        return bool(self.ambient > 0.0)
 
     flow_law = _gas_flow_law
     admitted = _any_volume
@@ -300,11 +298,11 @@ class Gas:
         return (pressure + self.ambient) * volume
 
     def sealed(self, pressure: Number, swelling: Number) -> IdealGas | SealedGas:
-        if self.chamber != 0.0 or self.expansion != ISOTHERM:
-            return SealedGas(pressure, swelling, self.ambient, self.chamber, self.expansion)
-        # Sealed at no pressure in a vacuum there is no gas; tension is lost before its law is ever used.
         amount = self.amount(pressure, swelling)
-        return IdealGas(amount + _TINY * (amount == 0.0), self.ambient)
+        # Sealed at no pressure in a vacuum there is no gas, and nothing to divide by.
+        if self.chamber != 0.0 or self.expansion != ISOTHERM or not np.all(amount > 0.0):
+            return SealedGas(pressure, swelling, self.ambient, self.chamber, self.expansion)
+        return IdealGas(amount, self.ambient)
 
     def energy(self, amount: FloatArray, pressure: FloatArray, volume: FloatArray) -> FloatArray:
         own = self.expansion.energy(amount, pressure + self.ambient, volume)

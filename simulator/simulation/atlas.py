@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from simulator.events import EventKind
 from simulator.model.drive import Waveform
 from simulator.model.equations import Equations
+from simulator.model.first_rise import first_rise
 from simulator.model.groups import Alike, AnyEquations, Group
 from simulator.solver import flow
 from simulator.solver.branch import Branch, BranchEnd
@@ -126,6 +127,9 @@ class Atlas:
         values = waveform.values
         if loses_tension(group.equations, state, float(values[np.argmax(values != values[0])])):
             return Response(group, None, (Exit(EventKind.LOSS_OF_TENSION, state),))
+        rise = _first_rise(group.equations, state, values)
+        if rise is not None:
+            values = np.append(values[: rise[0] + 1], rise[1])
         highest = np.maximum.accumulate(values[::-1])[::-1]
         lowest = np.minimum.accumulate(values[::-1])[::-1]
         first = self.branch_at(group, state)
@@ -146,6 +150,9 @@ class Atlas:
                     found = self._leave(group, branch, end, 1.0 if rising else -1.0)
                     exits.append(replace(found, fraction=waveform.when(part, float(end.state[-1]))))
                     branch = found.onward
+            if rise is not None and branch is not None:
+                there = branch.state_at(rise[1])
+                exits.append(Exit(EventKind.LOSS_OF_TENSION, there, fraction=waveform.when(*rise)))
         except (ArithmeticError, np.linalg.LinAlgError) as failure:
             return Response(group, first, tuple(exits), failure)
         return Response(group, first, tuple(exits))
@@ -247,6 +254,16 @@ def loses_tension(equations: Equations, state: FloatArray, target: float) -> boo
         return False
     v = float(state[-1])
     return any(m.drive is not None and m.drive.grows(v, target) for m in equations.membranes)
+
+
+def _first_rise(equations: Equations, state: FloatArray, values: FloatArray) -> tuple[int, float] | None:
+    """In which part of a waveform, and at which v, a drive first rises of balloons in which there is nothing.
+
+    Sealed at no pressure in a vacuum they stay without pressure, and lose their tension there.
+    """
+    if not equations.has_pressure or equations.is_open or equations.can_go_slack or state[-2] > _NO_PRESSURE:
+        return None
+    return first_rise((m.drive for m in equations.membranes if m.drive is not None), values)
 
 
 def _end_where_slack(branch: Branch, target: float) -> None:

@@ -285,6 +285,8 @@ class Branch:
 
     def work_between(self, start: float, end: float) -> float:
         """∫ −∂Π/∂v dv along the branch from one v to another, both within the known range."""
+        first, last = self.states[-1, 0], self.states[-1, -1]
+        start, end = (float(min(max(v, first), last)) for v in (start, end))
         if start > end:
             return -self.work_between(end, start)
         if start == end:
