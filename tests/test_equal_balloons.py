@@ -147,3 +147,23 @@ def test_no_branch_leads_from_a_branch_point_to_somewhere_else() -> None:
     event = next(event for event in history.events if 5.0 < event.stretch_before[0] < 5.8)
     assert event.stretch_after == pytest.approx([5.77188, 5.71908, 1.01072], abs=1e-5)
     assert history.energy_balance.relative_imbalance < 1e-12
+
+
+@pytest.mark.parametrize("maxwell", [None, {"modulus": 0.5, "time": 3.0}])
+def test_in_motion_equal_balloons_stay_alike_also_where_that_is_unstable(maxwell: Any) -> None:
+    """Each is then as one alone on its share of the gas."""
+    steps = [{"inflate": 1.0, "over": 10.0}, {"ramp": 0.5, "over": 20.0}, {"hold": 200.0}]
+
+    def moved(count: int) -> History:
+        document = device(count, steps, ambient_pressure=0.05)
+        document["dynamics"] = {"relaxation_time": 0.1}
+        if maxwell:
+            document["balloon"] = [b | {"maxwell": maxwell} for b in document["balloon"]]
+        return simulate(load_scenario(document))
+
+    together, alone = moved(3), moved(1)
+    assert [event.kind for event in together.events] == [EventKind.LIMIT_POINT]
+    assert np.all(together.stretch == together.stretch[:, :1])
+    both, here, there = np.intersect1d(together.time, alone.time, return_indices=True)
+    assert both.size > 290
+    assert together.stretch[here, 0] == pytest.approx(alone.stretch[there, 0], abs=1e-7)

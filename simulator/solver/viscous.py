@@ -9,6 +9,9 @@ k_v in series with a dashpot, in parallel to its elastomer: a Zener solid), with
 where f_v is the neo-Hookean force. As x f_v(x) ≈ 12 (x − 1) for small strains, t_v is the time in which the
 branch then relaxes. The dissipation r²h[τ(dλ/dt)² + k_v (x f_v)²/(12 t_v)] is never negative.
 
+Balloons that are equal in all, and start alike, stay alike: that is the solution, also where it is unstable.
+Each feels the mean of its equals, so that what rounding makes of it does not grow.
+
 Work and dissipation are integrated beside the stretches, so the books tell how well it was done.
 
 References
@@ -41,6 +44,7 @@ _ATOL_ENERGY = 1e-16
 # That of the energies again, where an energy passes zero while its rounding has grown with the stretch.
 _ATOL_ENERGY_WIDE = 1e-13
 _MOST_STEPS = 1_000_000
+_ALIKE = 1e-9  # relatively: stretches of equal balloons that differ by rounding alone
 _SPRING = NeoHookean()
 # What a loss of sphericity does to a flow.
 Shapes = Literal["record", "stop", "ignore"]
@@ -277,16 +281,20 @@ class Flow:
             If IDA fails.
         """
         watched = list(self._watched())
+        equals = self._equals(stretch.tolist(), inner.tolist())
+
+        def even(values: list[float]) -> list[float]:
+            return _evened(values, equals) if equals else values
 
         def margins(t: float, values: list[float], speeds: list[float]) -> list[float]:
-            v = drive(t)[0]
+            v, values = drive(t)[0], even(values)
             return [one.margin(values, v) for one in watched]
 
-        start = np.concatenate([stretch, inner, [0.0, 0.0]])
+        start = np.array(even([*stretch.tolist(), *inner.tolist(), 0.0, 0.0]))
         rounding = sum(w.weight * x**4 for w, x in zip(self._walls, stretch.tolist(), strict=True))
         system = System(
-            lambda t, y, yp: self._residual(y, yp, *drive(t)),
-            lambda t, y, yp, cj: self._jacobian(y, yp, drive(t)[0], cj),
+            lambda t, y, yp: self._residual(even(y), yp, *drive(t)),
+            lambda t, y, yp, cj: self._jacobian(even(y), yp, drive(t)[0], cj),
             margins,
             [one.ends for one in watched],
         )
@@ -305,23 +313,50 @@ class Flow:
         except IntegrationError:
             course = integrated(_ATOL_ENERGY_WIDE)
         passed = tuple(
-            Passed(e.time, one.kind, e.state[: self.count].copy(), one.balloon, one.mode)
+            Passed(e.time, one.kind, np.array(even(e.state.tolist())[: self.count]), one.balloon, one.mode)
             for e in course.events
             for one in (watched[e.which],)
         )
         ended = bool(passed) and watched[course.events[-1].which].ends
         end = passed[-1].time if ended else float(times[-1])
         kept = np.isin(course.time, times) & (course.time < end) | (course.time == end)
-        last = course.states[-1]
+        states = np.array([even(state) for state in course.states.tolist()])
+        last = states[-1]
         return Passage(
             course.time[kept],
-            course.states[kept, : self.count],
+            states[kept, : self.count],
             last[self.count : -2].copy(),
             float(last[-2]),
             float(last[-1]),
             passed,
             ended,
         )
+
+    def _equals(self, stretch: Sequence[float], inner: Sequence[float]) -> list[list[int]]:
+        """Places of unknowns that stay equal: stretches of equal balloons that are alike, and inner ones."""
+        inside = {i: self.count + place for place, i in enumerate(self.creeping)}
+        membranes = {
+            i: (membrane, group.equations.is_open)
+            for group in self.groups
+            for i, membrane in zip(group.members, group.equations.membranes, strict=True)
+        }
+
+        def same(i: int, j: int) -> bool:
+            pairs = [(stretch[i], stretch[j])]
+            if i in inside and j in inside:
+                pairs.append((inner[inside[i] - self.count], inner[inside[j] - self.count]))
+            makes = ((membranes[k], self.material.relaxation[k], self.material.branches[k]) for k in (i, j))
+            return next(makes) == next(makes) and all(abs(a - b) <= _ALIKE * abs(b) for a, b in pairs)
+
+        sets: list[list[int]] = []
+        for i in range(self.count):
+            known = next((one for one in sets if same(i, one[0])), None)
+            if known is None:
+                sets.append([i])
+            else:
+                known.append(i)
+        several = [one for one in sets if len(one) > 1]
+        return several + [[inside[i] for i in one] for one in several if one[0] in inside]
 
     def _watched(self) -> Iterator[Watched]:
         """What is watched: stability of every group, what ends a history, and the balloons' shapes."""
@@ -341,3 +376,13 @@ class Flow:
                 yield lost
                 back = of(group, margin, -1.0)
                 yield replace(lost, kind=EventKind.SPHERICITY_REGAINED, margin=back, ends=False)
+
+
+def _evened(values: list[float], equals: Sequence[Sequence[int]]) -> list[float]:
+    """Unknowns with the means of those that are equal."""
+    out = list(values)
+    for places in equals:
+        mean = sum(values[i] for i in places) / len(places)
+        for i in places:
+            out[i] = mean
+    return out
