@@ -300,7 +300,7 @@ class Gas:
     def sealed(self, pressure: Number, swelling: Number) -> IdealGas | SealedGas:
         amount = self.amount(pressure, swelling)
         # Sealed at no pressure in a vacuum there is no gas, and nothing to divide by.
-        if self.chamber != 0.0 or self.expansion != ISOTHERM or not np.all(amount > 0.0):
+        if self.chamber != 0.0 or self.expansion != ISOTHERM or np.any(amount == 0.0):
             return SealedGas(pressure, swelling, self.ambient, self.chamber, self.expansion)
         return IdealGas(amount, self.ambient)
 

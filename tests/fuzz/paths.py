@@ -170,9 +170,10 @@ def fold_problems(document: Document, key: str, found: Any) -> list[str]:
     for row in np.unique(np.linspace(0, len(found) - 1, 9).astype(int)):
         value = float(found.value[row])
         scenario = load_scenario(_with(document, key, value))
-        # With the valve open a fold is that of one balloon.
+        # With the valve open a fold is that of one balloon. A permittivity may leave any pressure as it is.
         balloons = [b for b in scenario.balloons if b.name in found.balloons]
-        alone = len(balloons) < len(scenario.balloons) or (len(found) > 2 and _is_open(found.pressure))
+        alone = len(balloons) < len(scenario.balloons)
+        held = alone or (len(found) > 2 and _is_open(found.pressure))
         walls = [loaded_law(balloon.elastomer) for balloon in balloons]
         voltage = np.array([float(found.voltage[row]) if b.electrodes else 0.0 for b in balloons])
         stretch = np.array([found.stretch[row, found.balloons.index(b.name)] for b in balloons])
@@ -180,9 +181,9 @@ def fold_problems(document: Document, key: str, found: Any) -> list[str]:
         apart = np.max(np.abs(balance(walls, balloons, stretch, pressure, voltage)))
         if apart > BALANCE:
             return [f"{key} = {value!r}: out of balance by {apart:.2g} of its terms"]
-        gas = None if alone else scenario.gas
-        matrix, size = hessian(gas, balloons, walls, stretch, pressure, voltage)
-        singular = float(np.min(np.abs(np.linalg.eigvalsh(matrix)))) / size
+        shared = [*([None] if held else []), *([] if alone else [scenario.gas])]
+        found_matrices = [hessian(gas, balloons, walls, stretch, pressure, voltage) for gas in shared]
+        singular = min(float(np.abs(np.linalg.eigvalsh(m)).min()) / size for m, size in found_matrices)
         if singular > SINGULAR:
             return [f"{key} = {value!r}: the Hessian is {singular:.2g} from singular"]
     return []
