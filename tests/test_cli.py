@@ -20,6 +20,7 @@ from simulator.results.history import Outcome
 from tests.histories import cycled_pair, slack_pair
 
 ROOT = Path(__file__).parent.parent
+FIG3C = ROOT / "scenarios/fig3c_state_b.toml"
 
 SCENARIO = """
 title = "A made-up pair"
@@ -249,25 +250,93 @@ def test_interrupt_writes_nothing(scenario, simulate):
     assert files(scenario.parent) == ["pair.toml"]
 
 
-@pytest.mark.parametrize("patched", ["simulator.results.plot.png", "simulator.results.tables.write_run"])
-def test_interrupt_while_drawing_or_writing_writes_nothing(scenario, simulate, monkeypatch, patched):
-    def interrupt(*_: object, **__: object) -> None:
-        raise KeyboardInterrupt
+def interrupt(*_: object, **__: object) -> None:
+    raise KeyboardInterrupt
 
+
+def test_interrupt_while_writing_writes_nothing(scenario, simulate, monkeypatch):
     simulate(cycled_pair())
-    monkeypatch.setattr(patched, interrupt)
+    monkeypatch.setattr("simulator.results.tables.write_run", interrupt)
     assert balloons("run", scenario, "--plot").exit_code == 130
     assert files(scenario.parent) == ["pair.toml"]
 
 
-def test_a_picture_that_cannot_be_drawn_does_not_cost_the_tables(scenario, simulate, monkeypatch):
-    def fail(history: object) -> None:
-        raise RuntimeError("no fonts")
-
+def test_interrupt_while_drawing_leaves_the_tables_and_says_so(scenario, simulate, monkeypatch):
     simulate(cycled_pair())
-    monkeypatch.setattr("simulator.results.plot.png", fail)
-    assert balloons("run", scenario, "--plot").exit_code == 1
+    monkeypatch.setattr("simulator.results.plot.style.rendered", interrupt)
+    stopped = balloons("run", scenario, "--plot")
+    assert stopped.exit_code == 130
+    assert "interrupted; history.csv, events.csv, run.json are in" in stopped.stderr
     assert (scenario.parent / "results/pair/history.csv").exists()
+    assert not (scenario.parent / "results/pair/history.png").exists()
+
+
+@pytest.mark.parametrize(
+    "words", [("run",), ("trace",), ("fold", "--vary", "gas.ambient_pressure", "--to", "0.02")]
+)
+def test_a_picture_that_cannot_be_drawn_is_a_warning(words, tmp_path, monkeypatch):
+    def fail(*_: object) -> None:
+        raise RuntimeError("no\nfonts")
+
+    monkeypatch.setattr("simulator.results.plot.style.rendered", fail)
+    command, *options = words
+    done = balloons(command, FIG3C, *options, "--plot", "--out", tmp_path)
+    assert done.exit_code == 0
+    assert "png could not be drawn: no fonts" in done.stderr
+    assert any(tmp_path.glob("*.csv"))
+    assert not any(tmp_path.glob("*.png"))
+
+
+def test_formats(scenario, simulate):
+    simulate(cycled_pair())
+    folder = scenario.parent / "results/pair"
+    for form, begins in (("svg", b"<?xml"), ("pdf", b"%PDF"), ("png", b"\x89PNG")):
+        assert balloons("run", scenario, "--format", form).exit_code == 0
+        picture = folder / f"history.{form}"
+        first = picture.read_bytes()
+        assert first.startswith(begins)
+        assert balloons("run", scenario, "--format", form).exit_code == 0
+        assert picture.read_bytes() == first  # of the same history the same bytes
+        assert files(folder) == ["events.csv", "history.csv", picture.name, "run.json"]
+    assert balloons("run", scenario, "--format", "gif").exit_code == 2
+
+
+def test_what_an_earlier_run_left_beside_new_tables_goes(scenario, simulate):
+    simulate(cycled_pair())
+    folder = scenario.parent / "results/pair"
+    assert balloons("run", scenario, "--plot").exit_code == 0
+    (folder / "sensitivities.csv").write_text("old")
+    (folder / "notes.txt").write_text("mine")
+    again = balloons("run", scenario)
+    assert "removed  sensitivities.csv, history.png of an earlier run" in again.stdout
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "events.csv",
+        "history.csv",
+        "notes.txt",
+        "run.json",
+    ]
+
+
+def test_pictures_care_for_nothing_that_a_user_has_set(tmp_path):
+    """A backend that is not there, LaTeX that is not there, and a style of one's own."""
+    plain, other = tmp_path / "plain", tmp_path / "other"
+    (tmp_path / "matplotlibrc").write_text("text.usetex: True\naxes.facecolor: black\nfont.size: 30\n")
+    own = {**os.environ, "MPLBACKEND": "not-a-backend", "MATPLOTLIBRC": str(tmp_path)}
+    for folder, environment in ((plain, dict(os.environ)), (other, own)):
+        words = [
+            sys.executable,
+            "-m",
+            "simulator",
+            "run",
+            str(FIG3C),
+            "--plot",
+            "--quiet",
+            "--out",
+            str(folder),
+        ]
+        done = subprocess.run(words, env=environment, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (0, "")
+    assert (plain / "history.png").read_bytes() == (other / "history.png").read_bytes()
 
 
 # --- the progress bar ---

@@ -7,8 +7,9 @@ sweep: an executor) that failed is 3; Ctrl-C is 130. A run or a path that ended 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import NoReturn
 
 import typer
@@ -26,6 +27,13 @@ def fail(message: str, code: int) -> NoReturn:
 
 def _nothing_written() -> str:
     return "interrupted, nothing written"
+
+
+def interrupted(written: Sequence[Path]) -> str:
+    """What is said after Ctrl-C, with the files that were written before it."""
+    if not written:
+        return _nothing_written()
+    return f"interrupted; {', '.join(path.name for path in written)} are in {written[0].parent}"
 
 
 @contextmanager

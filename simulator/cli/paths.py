@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from simulator.cli.endings import BAD_INPUT, errors_reported, fail, solver_failures_reported
+from simulator.cli.endings import BAD_INPUT, errors_reported, fail, interrupted, solver_failures_reported
 from simulator.cli.options import Quiet, ScenarioArgument, results_option
+from simulator.cli.pictures import FormatOption, any_format, draw, remove_old, say_removed, wanted
 from simulator.cli.summary import summarise_fold, summarise_trace
 from simulator.cli.summary_units import print_bare
 
@@ -18,14 +19,15 @@ if TYPE_CHECKING:
     from simulator.results.curve import Curve
     from simulator.scenario import Scenario
 
-CURVE_PICTURE = "curve.png"
-FOLD_PICTURE = "fold.png"
+CURVE_PICTURE = "curve"
+FOLD_PICTURE = "fold"
 
 
 def trace(
     scenario: ScenarioArgument,
     out: Annotated[Path | None, results_option("results/<SCENARIO's stem>-trace")] = None,
-    plot: Annotated[bool, typer.Option("--plot", help=f"Also draw {CURVE_PICTURE}.")] = False,
+    plot: Annotated[bool, typer.Option("--plot", help=f"Also draw {CURVE_PICTURE}.png.")] = False,
+    form: FormatOption = None,
     quiet: Quiet = False,
     every: Annotated[
         bool, typer.Option("--all", help="Also the paths detached from it at the same amount of gas.")
@@ -52,28 +54,26 @@ def trace(
     ] = None,
 ) -> None:
     """Trace the equilibrium path in voltage, unstable parts too; write curve.csv and points.csv."""
-    from simulator.results.files import check_writable, write_files
+    from simulator.results.files import check_writable
     from simulator.results.tables import TRACE_FILES, write_curves
     from simulator.scenario import load_scenario
 
-    wanted = _Wanted(every, inflation, balloon, to_voltage, to_pressure, to_stretch)
-    _check(wanted)
+    limits = _Wanted(every, inflation, balloon, to_voltage, to_pressure, to_stretch)
+    _check(limits)
     directory = Path("results") / f"{scenario.stem}-trace" if out is None else out
-    with errors_reported():
+    picture = wanted(CURVE_PICTURE, plot=plot, form=form)
+    paths: list[Path] = []
+    with errors_reported(lambda: interrupted(paths)):
         loaded = load_scenario(scenario)
-        check_writable(directory, (*TRACE_FILES, CURVE_PICTURE) if plot else TRACE_FILES)
-        curves = _traced(loaded, wanted)
-        pictures = {}
-        if plot:
-            from simulator.results.plot import plot_curves, png
-
-            # Drawn before anything is written, so that a Ctrl-C meanwhile leaves nothing behind.
-            pictures[CURVE_PICTURE] = png(plot_curves(curves))
-        paths = write_curves(curves, directory)
-        paths += write_files(directory, pictures) if pictures else []
+        check_writable(directory, (*TRACE_FILES, *([picture] if picture else [])))
+        curves = _traced(loaded, limits)
+        paths += write_curves(curves, directory)
+        removed = remove_old(directory, any_format(CURVE_PICTURE))
+        paths += draw(directory, picture, lambda: _curves_drawn(curves))
     if not quiet:
-        summarise_trace(curves, paths, asked=any(limit is not None for limit in wanted.limits.values()))
+        summarise_trace(curves, paths, asked=any(limit is not None for limit in limits.limits.values()))
         print_bare(loaded)
+        say_removed([name for name in removed if name != picture])
 
 
 def fold(
@@ -91,32 +91,38 @@ def fold(
         str | None,
         typer.Option(metavar="NAME", help="A limit point of this balloon's inflation.", show_default=False),
     ] = None,
-    plot: Annotated[bool, typer.Option("--plot", help=f"Also draw {FOLD_PICTURE}.")] = False,
+    plot: Annotated[bool, typer.Option("--plot", help=f"Also draw {FOLD_PICTURE}.png.")] = False,
+    form: FormatOption = None,
     quiet: Quiet = False,
 ) -> None:
     """Follow a limit point, or a loss of sphericity, while one number changes; write fold.csv."""
-    from simulator.results.files import check_writable, write_files
+    from simulator.results.files import check_writable
     from simulator.results.tables import FOLD_FILE, write_fold
     from simulator.scenario import load_scenario
 
     directory = Path("results") / f"{scenario.stem}-fold" if out is None else out
-    with errors_reported():
+    picture = wanted(FOLD_PICTURE, plot=plot, form=form)
+    paths: list[Path] = []
+    with errors_reported(lambda: interrupted(paths)):
         loaded = load_scenario(scenario)
-        check_writable(directory, (FOLD_FILE, FOLD_PICTURE) if plot else (FOLD_FILE,))
+        check_writable(directory, (FOLD_FILE, *([picture] if picture else [])))
         with solver_failures_reported():
             from simulator.analysis.fold import fold as follow
 
             curve = follow(loaded, vary, to, of=of, point=point, inflation=inflation)
-        pictures = {}
-        if plot:
-            from simulator.results.plot import plot_fold, png
-
-            pictures[FOLD_PICTURE] = png(plot_fold(curve))
-        paths = write_fold(curve, directory)
-        paths += write_files(directory, pictures) if pictures else []
+        paths += write_fold(curve, directory)
+        removed = remove_old(directory, any_format(FOLD_PICTURE))
+        paths += draw(directory, picture, curve.plot)
     if not quiet:
         summarise_fold(curve, to, paths)
         print_bare(loaded)
+        say_removed([name for name in removed if name != picture])
+
+
+def _curves_drawn(curves: tuple[Curve, ...]) -> object:
+    from simulator.results.plot import plot_curves
+
+    return plot_curves(curves)
 
 
 @dataclass(frozen=True)

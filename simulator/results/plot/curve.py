@@ -13,7 +13,16 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from simulator.results.plot.axes import add_stretch_axis, shown_curves, shown_fold
-from simulator.results.plot.style import COLOURS, FAINT, GREY, THINNER, dress, mark, marker_style
+from simulator.results.plot.style import (
+    COLOURS,
+    FAINT,
+    GREY,
+    THINNER,
+    dress,
+    in_own_style,
+    mark,
+    marker_style,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -41,6 +50,7 @@ _MARKED = (
 )
 
 
+@in_own_style
 def plot_curves(curves: Sequence[Curve]) -> Figure:
     """Draw equilibrium paths of one scenario, one colour each, with a legend.
 
@@ -62,6 +72,7 @@ def plot_curves(curves: Sequence[Curve]) -> Figure:
     return figure
 
 
+@in_own_style
 def plot_fold(curve: FoldCurve) -> Figure:
     """Draw a limit point's voltage (of an inflation: its pressure) over the number that changes."""
     figure = Figure(figsize=(6.4, 4.6), layout="constrained")

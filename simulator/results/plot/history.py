@@ -38,6 +38,7 @@ from simulator.results.plot.style import (
     THINNER,
     arrowhead,
     dress,
+    in_own_style,
     mark,
     marker_style,
 )
@@ -75,6 +76,7 @@ LEGEND_COLUMNS = 6
 SHORTEST_ARROW = 0.05
 
 
+@in_own_style
 def plot_history(history: History) -> Figure:
     """Draw a whole history: drive and stretches in time at the left, the loop at the right.
 

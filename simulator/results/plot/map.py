@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from simulator.results.plot.style import BLACK, COLOURS, PRESSURE, VOLTAGE
+from simulator.results.plot.style import BLACK, COLOURS, PRESSURE, VOLTAGE, in_own_style
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -83,6 +83,7 @@ class MapMark:
     panel: float | str | None = None
 
 
+@in_own_style
 def plot_map(
     columns: Columns,
     x: str,

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import wraps
 from io import BytesIO
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+
+import matplotlib
 
 from simulator.events import EventKind
 
@@ -12,6 +17,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     Point = tuple[float, float]
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
 
 # Okabe & Ito's palette, which colour-blind readers can tell apart; one colour per balloon.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -46,17 +54,55 @@ MARKER_SIZES: dict[str, float] = {
 }
 
 
-def png(figure: Figure, dots_per_inch: float = 150.0) -> bytes:
-    """A figure as the bytes of a PNG file; the same figure gives the same bytes.
+# What distinguishes these pictures from matplotlib's own; whatever else a user has set does not reach them.
+SETTINGS: Any = {"svg.hashsalt": "dielectric-balloons", "svg.fonttype": "path", "pdf.fonttype": 42}
+
+# Of a file without the moment it was made, so that the same figure gives the same bytes.
+_METADATA: dict[str, dict[str, Any]] = {
+    "png": {"Software": None},
+    "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
+
+
+@contextmanager
+def own_style() -> Iterator[None]:
+    """matplotlib as it comes, with `SETTINGS`, whatever its user has set; undone at the end."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(SETTINGS)
+        yield
+
+
+def in_own_style(draw: Callable[_P, _T]) -> Callable[_P, _T]:
+    """A function that makes a whole figure, in our own style."""
+
+    @wraps(draw)
+    def styled(*args: _P.args, **keywords: _P.kwargs) -> _T:
+        with own_style():
+            return draw(*args, **keywords)
+
+    return styled
+
+
+def rendered(figure: Figure, form: str, dots_per_inch: float = 150.0) -> bytes:
+    """A figure as the bytes of a file; the same figure gives the same bytes.
 
     Parameters
     ----------
     figure : matplotlib.figure.Figure
+    form : {"png", "svg", "pdf"}
     dots_per_inch : float
     """
     stream = BytesIO()
-    figure.savefig(stream, format="png", dpi=dots_per_inch, metadata={"Software": None})
+    with own_style():
+        figure.savefig(stream, format=form, dpi=dots_per_inch, metadata=_METADATA[form])
     return stream.getvalue()
+
+
+def png(figure: Figure, dots_per_inch: float = 150.0) -> bytes:
+    """A figure as the bytes of a PNG file, see `rendered`."""
+    return rendered(figure, "png", dots_per_inch)
 
 
 def mark(kind: str, x: float, y: float, ax: Axes) -> None:
