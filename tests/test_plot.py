@@ -24,7 +24,11 @@ from simulator.results.plot import (
     plot_voltage,
     png,
 )
+from simulator.scenario import load_scenario
 from tests.histories import cycled_pair, empty_pair, inflated_single, scenario, slack_pair
+from tests.pairs import run
+
+SCENARIOS = Path(__file__).parent.parent / "scenarios"
 
 PICTURED = [cycled_pair(), slack_pair(), inflated_single(), empty_pair(), cycled_pair(cycles=300)]
 
@@ -242,3 +246,55 @@ def test_pyplot_is_not_loaded():
     )
     done = subprocess.run([sys.executable, "-c", program], cwd=Path(__file__).parent.parent, check=False)
     assert done.returncode == 0
+
+
+def test_every_actuator_has_its_loop():
+    history = run(load_scenario(SCENARIOS / "push_pull.toml"))
+    figure = plot_history(history)
+    loops = [ax for ax in figure.axes if ax.get_xlabel().startswith("voltage on")]
+    assert [ax.get_xlabel() for ax in loops] == ["voltage on left  Φ√(ε/μ)/H", "voltage on right  Φ√(ε/μ)/H"]
+    for i, ax in enumerate(loops):
+        drawn = np.concatenate([line.get_ydata() for line in lines(ax, "-")])
+        assert np.nanmax(drawn) == history.stretch[:, i].max()
+
+
+def test_where_charges_are_given_the_charge_loop_shows_the_work():
+    history = run(load_scenario(SCENARIOS / "charge_control.toml"))
+    (ax,) = (ax for ax in plot_history(history).axes if ax.get_ylabel().startswith("charge"))
+    assert ax.get_title(loc="left") == (
+        f"work of the source, ∫Φ dq = {history.energy_balance.electrical_work:.4g} × 4πR²Hμ"
+    )
+    assert np.nanmax(np.concatenate([line.get_ydata() for line in ax.get_lines()])) == history.charge.max()
+
+
+def test_a_film_with_a_strength_shows_its_field_and_margin():
+    history = run(load_scenario(SCENARIOS / "breakdown_acrylic.toml"))
+    panels = {ax.get_ylabel(): ax for ax in plot_history(history).axes}
+    field, margin = panels["field\n|E|√(ε/μ)"], panels["margin to\nbreakdown"]
+    np.testing.assert_array_equal(lines(field, ":")[0].get_ydata(), history.strength[:, 0])
+    assert np.nanmax(np.concatenate([line.get_ydata() for line in lines(field, "--")])) == history.field.max()
+    assert np.nanmin(np.concatenate([line.get_ydata() for line in lines(margin, "--")])) < 1e-9
+
+
+def test_a_snap_in_real_time_is_marked_on_the_loop_and_promised_as_nothing_else():
+    """In real time a limit point is passed slowly: the path itself is the snap, nothing is dashed."""
+    history = run(load_scenario(SCENARIOS / "delayed_snap.toml"))
+    figure = plot_history(history)
+    stars = [line for line in figure.axes[-1].get_lines() if line.get_marker() == "*"]
+    turns = [event for event in history.events if event.kind is EventKind.LIMIT_POINT]
+    assert [(line.get_xdata()[0], line.get_ydata()[0]) for line in stars] == [
+        (event.voltage[0], event.stretch_before[0]) for event in turns
+    ]
+    assert "snap" not in legend_labels(figure)
+    assert not any(np.isfinite(line.get_ydata()).any() for ax in figure.axes for line in lines(ax, "--"))
+
+
+def test_panels_are_chosen_by_name():
+    history = cycled_pair()
+    assert [ax.get_ylabel().split()[0] for ax in history.plot(panels=["loop", "pressure"]).axes] == [
+        "pressure", "stretch",
+    ]  # fmt: skip
+    with pytest.raises(ValueError, match="panel 'volts': must be one of voltage"):
+        history.plot(panels=["volts"])
+    with pytest.raises(ValueError, match="no film has a dielectric strength"):
+        history.plot(panels=["margin"])

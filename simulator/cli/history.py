@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from simulator.cli.endings import SOLVER_FAILED, errors_reported, fail, interrupted
+from simulator.cli.endings import BAD_INPUT, SOLVER_FAILED, errors_reported, fail, interrupted
 from simulator.cli.options import Quiet, ScenarioArgument, results_option
 from simulator.cli.pictures import FormatOption, any_format, draw, remove_old, say_removed, wanted
 from simulator.cli.summary import progress_bar, summarise_run
@@ -24,6 +24,14 @@ def run(
     out: Annotated[Path | None, results_option("results/<SCENARIO's stem>")] = None,
     plot: Annotated[bool, typer.Option("--plot", help=f"Also draw {PICTURE}.png.")] = False,
     form: FormatOption = None,
+    panels: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAMES",
+            help="What the picture shows: some of voltage, pressure, stretch, field, margin, loop, charge.",
+            show_default="what the scenario has",
+        ),
+    ] = None,
     sensitivities: Annotated[
         bool, typer.Option("--sensitivities", help="Also how each limit point moves with each number.")
     ] = False,
@@ -35,7 +43,8 @@ def run(
     from simulator.scenario import load_scenario
 
     directory = Path("results") / scenario.stem if out is None else out
-    picture = wanted(PICTURE, plot=plot, form=form)
+    shown = _panels(panels)
+    picture = wanted(PICTURE, plot=plot or shown is not None, form=form)
     more = (SENSITIVITIES_FILE,) if sensitivities else ()
     paths: list[Path] = []
     with errors_reported(lambda: interrupted(paths)):
@@ -46,10 +55,23 @@ def run(
         removed = remove_old(directory, _old(paths))
         if sensitivities:
             paths += _write_sensitivities(history, directory)
-        paths += draw(directory, picture, history.plot)
+        paths += draw(directory, picture, lambda: history.plot(panels=shown))
     if not quiet:
         summarise_run(history, paths)
         say_removed([name for name in removed if name not in [path.name for path in paths]])
+
+
+def _panels(names: str | None) -> tuple[str, ...] | None:
+    """The panels of `--panels`; leaves with exit code 2 where there is no such panel."""
+    if names is None:
+        return None
+    from simulator.results.history import PANELS
+
+    found = tuple(name.strip() for name in names.split(","))
+    for name in found:
+        if name not in PANELS:
+            fail(f"--panels {name}: must be some of {', '.join(PANELS)}, with commas between them", BAD_INPUT)
+    return found
 
 
 def _old(written: list[Path]) -> list[str]:

@@ -18,6 +18,7 @@ from simulator.events import SHAPE_EVENTS, EventKind, Outcome
 from simulator.results.equality import same
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from os import PathLike
     from pathlib import Path
 
@@ -32,6 +33,9 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 __all__ = ["EnergyBalance", "Event", "EventKind", "History", "Outcome", "SolverStatistics", "Stop", "Verdict"]
+
+PANELS = ("voltage", "pressure", "stretch", "field", "margin", "loop", "charge")
+"""What a picture of a history may show, see `History.plot`."""
 
 _BROKEN = 1e-9  # a margin that is zero to the accuracy of a flow
 
@@ -375,16 +379,19 @@ class History:
         return write_run(self, directory)
 
     @overload
-    def plot(self) -> Figure: ...
+    def plot(self, *, panels: Sequence[str] | None = None) -> Figure: ...
     @overload
     def plot(self, ax: Axes) -> Axes: ...
-    def plot(self, ax: Axes | None = None) -> Figure | Axes:
-        """Draw the drive and stretches in time, and the stretch–voltage loop with its snaps dashed.
+    def plot(self, ax: Axes | None = None, *, panels: Sequence[str] | None = None) -> Figure | Axes:
+        """Draw the drive and stretches in time, and the stretch–voltage loop of each actuator.
 
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
-            Draw the loop alone, into these axes, and return them.
+            Draw the first loop alone, into these axes, and return them.
+        panels : sequence of str, optional
+            Some of voltage, pressure, stretch, field, margin, loop, charge; by default those that say
+            something of this history.
 
         Returns
         -------
@@ -393,4 +400,4 @@ class History:
         """
         from simulator.results.plot import plot_history, plot_loop
 
-        return plot_history(self) if ax is None else plot_loop(self, ax)
+        return plot_history(self, panels) if ax is None else plot_loop(self, ax)

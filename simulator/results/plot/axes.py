@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simulator.results.plot.style import PRESSURE, STRETCH, VOLTAGE
+from simulator.results.plot.style import CHARGE, FIELD, PRESSURE, STRETCH, VOLTAGE
+from simulator.units import CHARGE as CHARGES
+from simulator.units import FIELD as FIELDS
 from simulator.units import NOISE, prefixed
 from simulator.units import PRESSURE as PRESSURES
 from simulator.units import RADIUS as LENGTHS
@@ -42,6 +44,8 @@ class Labels:
     pressure: str = PRESSURE
     extent: str = "stretch"
     size: str = STRETCH
+    field: str = FIELD
+    charge: str = CHARGE
     unstretched: tuple[float, ...] = ()
 
 
@@ -52,11 +56,17 @@ def shown_history(history: History) -> tuple[History, Labels]:
         return history, Labels()
     ratios = np.array([balloon.radius for balloon in history.scenario.balloons])
     volts, radii, pascals, labels = _units(scales, ratios, history.voltage, history.stretch, history.pressure)
+    coulombs, coulomb = _factor(CHARGES, scales, history.charge)
+    fields, field = _factor(FIELDS, scales, history.field)
+    labels = replace(labels, field=f"|E| [{field}]", charge=f"q [{coulomb}]")
     scaled = replace(
         history,
         voltage=history.voltage * volts,
         stretch=history.stretch * radii,
         pressure=history.pressure * pascals,
+        field=history.field * fields,
+        strength=history.strength * fields,
+        charge=history.charge * coulombs,
         events=tuple(_scaled(event, volts, radii, pascals) for event in history.events),
     )
     return scaled, labels
@@ -155,7 +165,9 @@ def _units(
     pascals, pascal = _factor(PRESSURES, scales, pressure)
     metres, metre = _factor(LENGTHS, scales, stretch * ratios)
     radii = ratios * metres
-    labels = Labels("t [s]", f"Φ [{volt}]", f"P [{pascal}]", "radius", f"r [{metre}]", tuple(radii.tolist()))
+    labels = Labels(
+        "t [s]", f"Φ [{volt}]", f"P [{pascal}]", "radius", f"r [{metre}]", unstretched=tuple(radii.tolist())
+    )
     return volts, radii, pascals, labels
 
 

@@ -33,6 +33,8 @@ FAINT = 0.5
 VOLTAGE = "Φ√(ε/μ)/H"
 PRESSURE = "PR/(μH)"
 STRETCH = "λ = r/R"
+FIELD = "|E|√(ε/μ)"
+CHARGE = "q/(4πR²√(εμ))"
 
 MARKERS: dict[str, str] = {
     EventKind.LIMIT_POINT: "*",

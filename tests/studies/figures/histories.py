@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from simulator.results.plot.history import plot_loop, plot_pressure, plot_stretches, plot_voltage
+from simulator.results.plot import plot_loop, plot_pressure, plot_stretches, plot_voltage
 from simulator.results.plot.style import COLOURS, VOLTAGE, dress, mark, marker_style
 from simulator.scenario import Output, load_scenario
 from tests.pairs import run
