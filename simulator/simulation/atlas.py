@@ -145,9 +145,9 @@ class Atlas:
                 part += int(np.argmax(outside))
                 target = float(values[part + 1])
                 rising = target > high
-                end = self._reach(branch, target, float(highest[part + 1] if rising else lowest[part + 1]))
+                end = self.reach(branch, target, float(highest[part + 1] if rising else lowest[part + 1]))
                 if end is not None:
-                    found = self._leave(group, branch, end, 1.0 if rising else -1.0)
+                    found = self.leave(group, branch, end, 1.0 if rising else -1.0)
                     exits.append(replace(found, fraction=waveform.when(part, float(end.state[-1]))))
                     branch = found.onward
             if rise is not None and branch is not None:
@@ -157,7 +157,7 @@ class Atlas:
             return Response(group, first, tuple(exits), failure)
         return Response(group, first, tuple(exits))
 
-    def _reach(self, branch: Branch, target: float, furthest: float) -> BranchEnd | None:
+    def reach(self, branch: Branch, target: float, furthest: float) -> BranchEnd | None:
         """Follow a branch as far as the waveform needs it; return its end if that comes before `target`."""
         _end_where_slack(branch, furthest)
         try:
@@ -168,7 +168,7 @@ class Atlas:
                 raise
         return branch.reach(target, self.rtol, self.effort)
 
-    def _leave(self, group: Group, branch: Branch, end: BranchEnd, direction: float) -> Exit:
+    def leave(self, group: Group, branch: Branch, end: BranchEnd, direction: float) -> Exit:
         """How the end of a branch is left, found once."""
         key = (id(branch), direction)
         if key not in self.exits:
