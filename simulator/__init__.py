@@ -19,10 +19,14 @@ if TYPE_CHECKING:
     from simulator.analysis.sensitivity import all_sensitivities, sensitivities
     from simulator.analysis.trace import trace, trace_all, trace_inflation
     from simulator.events import EventKind, Outcome
+    from simulator.hysteresis.memory import MemoryLost, return_point_memory
+    from simulator.hysteresis.states import states
     from simulator.results.curve import Curve, FoldCurve, SpecialPoint
+    from simulator.results.extras import MissingExtra
     from simulator.results.files import OutputError
     from simulator.results.history import EnergyBalance, Event, History, SolverStatistics, Stop, Verdict
     from simulator.results.sensitivity import Sensitivity
+    from simulator.results.states import State, StateGraph, Transition
     from simulator.scenario import Scenario, ScenarioError, load_scenario
     from simulator.simulation.explanation import explain
     from simulator.simulation.run import SolverError, simulate
@@ -31,7 +35,6 @@ if TYPE_CHECKING:
         DisagreementError,
         ExecutorError,
         ManyRuns,
-        MissingExtra,
         Optimum,
         Question,
         Sweep,
@@ -57,6 +60,7 @@ __all__ = [
     "FoldCurve",
     "History",
     "ManyRuns",
+    "MemoryLost",
     "MissingExtra",
     "Optimum",
     "Outcome",
@@ -69,9 +73,12 @@ __all__ = [
     "SolverError",
     "SolverStatistics",
     "SpecialPoint",
+    "State",
+    "StateGraph",
     "Stop",
     "Sweep",
     "SweepResult",
+    "Transition",
     "Verdict",
     "all_sensitivities",
     "explain",
@@ -82,10 +89,12 @@ __all__ = [
     "optimize",
     "read_question",
     "read_sweep",
+    "return_point_memory",
     "run_sweep",
     "sensitivities",
     "simulate",
     "simulate_many",
+    "states",
     "trace",
     "trace_all",
     "trace_inflation",
@@ -96,9 +105,13 @@ _NAMES = {
     "analysis.sensitivity": ("all_sensitivities", "sensitivities"),
     "analysis.trace": ("trace", "trace_all", "trace_inflation"),
     "events": ("EventKind", "Outcome"),
+    "hysteresis.memory": ("MemoryLost", "return_point_memory"),
+    "hysteresis.states": ("states",),
     "results.curve": ("Curve", "FoldCurve", "SpecialPoint"),
+    "results.extras": ("MissingExtra",),
     "results.files": ("OutputError",),
     "results.history": ("EnergyBalance", "Event", "History", "SolverStatistics", "Stop", "Verdict"),
+    "results.states": ("State", "StateGraph", "Transition"),
     "results.sensitivity": ("Sensitivity",),
     "scenario": ("Scenario", "ScenarioError", "load_scenario"),
     "simulation.explanation": ("explain",),
@@ -108,7 +121,6 @@ _NAMES = {
         "DisagreementError",
         "ExecutorError",
         "ManyRuns",
-        "MissingExtra",
         "Optimum",
         "Question",
         "Sweep",

@@ -13,7 +13,7 @@ from typing import Annotated
 
 import typer
 
-from simulator.cli import check_table, history, materials, paths, sweep
+from simulator.cli import check_table, history, hysteresis, materials, paths, sweep
 
 app = typer.Typer(
     name="balloons",
@@ -49,6 +49,7 @@ def balloons(
 app.command()(history.run)
 app.command()(paths.trace)
 app.command()(paths.fold)
+app.command()(hysteresis.states)
 app.command()(materials.explain)
 app.command()(materials.presets)
 app.command("check-table")(check_table.check_table)

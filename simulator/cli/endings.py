@@ -70,13 +70,13 @@ def solver_failures_reported() -> Iterator[None]:
 
 def _is_input(error: Exception) -> bool:
     """Whether an error says what is wrong with the input; what else fails is a fault of the program."""
+    from simulator.results.extras import MissingExtra
     from simulator.results.files import OutputError
     from simulator.scenario import ScenarioError
 
-    if isinstance(error, ScenarioError | OutputError):
+    if isinstance(error, ScenarioError | OutputError | MissingExtra):
         return True
-    # Only a sweep or a map raises these, and by then they are loaded.
-    from simulator.sweep.loading import MissingExtra
+    # Only a sweep or a map raises it, and by then it is loaded.
     from simulator.sweep.picking import PickError
 
-    return isinstance(error, PickError | MissingExtra)
+    return isinstance(error, PickError)

@@ -38,6 +38,8 @@ class Setting:
         driven.
     stretch : (n_balloons,) array
     pressure : float
+    highest : float
+        The highest v of the scenario's own steps; 0 where they move no voltage, or along another line.
     """
 
     device: Device
@@ -45,6 +47,7 @@ class Setting:
     groups: tuple[Group, ...]
     stretch: FloatArray
     pressure: float
+    highest: float
 
     def unknowns(self) -> list[FloatArray]:
         """The state y of each group at the start, where v = 0."""
@@ -91,14 +94,14 @@ def setting(scenario: Scenario, along: Mapping[str, float] | None) -> Setting:
             ),
         )
     device, all_balloons, state = sealed_state(scenario)
-    line = _own_line(scenario) if along is None else _line(scenario, along)
+    line, highest = _own_line(scenario) if along is None else (_line(scenario, along), 0.0)
     count = len(device.names)
     gas = all_balloons.equations.gas  # type: ignore[union-attr]
     if all_balloons.equations.is_open:
         moving = groups.actuated_open(device, line, pressure=float(state[-2]))
     else:
         moving = [groups.held(device, line, gas=gas)]
-    return Setting(device, line, tuple(moving), state[:count], float(state[-2]))
+    return Setting(device, line, tuple(moving), state[:count], float(state[-2]), highest)
 
 
 def _line(scenario: Scenario, along: Mapping[str, float]) -> VoltageLine:
@@ -115,15 +118,16 @@ def _line(scenario: Scenario, along: Mapping[str, float]) -> VoltageLine:
     return line
 
 
-def _own_line(scenario: Scenario) -> VoltageLine:
-    """The line through zero on which all steps of a scenario move the voltages."""
+def _own_line(scenario: Scenario) -> tuple[VoltageLine, float]:
+    """The line through zero on which all steps of a scenario move the voltages, and the highest v on it."""
     count = len(scenario.electroded)
     found: VoltageLine | None = None
-    voltage = [0.0] * count
+    voltage, highest = [0.0] * count, 0.0
     for number, step in enumerate(scenario.played_steps(), start=1):
         if isinstance(step, Inflate | Hold):
             continue
-        lines, voltage = _lines_of(step, scenario.electroded, voltage)
+        lines, voltage, reached = _lines_of(step, scenario.electroded, voltage)
+        highest = max(highest, reached)
         for line in lines:
             found = found or line
             if line is None or line != found or any(line.offset):
@@ -136,19 +140,21 @@ def _own_line(scenario: Scenario) -> VoltageLine:
                         f"along which they are to move, such as along = {{ {scenario.electroded[0]} = 1 }}",
                     ),
                 )
-    return found or VoltageLine.common(count)
+    return found or VoltageLine.common(count), highest
 
 
 def _lines_of(
     step: PlayedStep, electroded: Sequence[str], voltage: list[float]
-) -> tuple[list[VoltageLine | None], list[float]]:
-    """The lines that a step moves the voltages along, None for what is none, and where it ends."""
+) -> tuple[list[VoltageLine | None], list[float], float]:
+    """The lines that a step moves the voltages along, None for what is none; where it ends; its highest v."""
     lines: list[VoltageLine | None] = []
+    highest = 0.0
     for leg in motion(step, electroded, Electrodes(voltage, [0.0] * len(voltage), "voltage"), 0.0):
         way, values = leg.way, leg.waveform.values
         if not isinstance(way, VoltageLine) or way.quantity != "voltage":
             lines.append(None)
         elif any(way.rate) and (isinstance(step, Jump) or values.any()):
             lines.append(way)
+            highest = max(highest, float(np.abs(values).max()))
         voltage = way.at(float(values[-1])).tolist()
-    return lines, voltage
+    return lines, voltage, highest

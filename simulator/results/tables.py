@@ -43,27 +43,27 @@ SENSITIVITIES_FILE = "sensitivities.csv"
 
 def history_table(history: History) -> pd.DataFrame:
     """The samples of a history as a pandas table, one row each; columns as in `history_columns`."""
-    return _table(history_columns(history))
+    return table(history_columns(history))
 
 
 def events_table(history: History) -> pd.DataFrame:
     """The events of a history as a pandas table, one row each; columns as in `event_columns`."""
-    return _table(event_columns(history))
+    return table(event_columns(history))
 
 
 def curve_table(curve: Curve) -> pd.DataFrame:
     """The points of an equilibrium path as a pandas table, one row each; columns as in `curve_columns`."""
-    return _table(curve_columns([curve]))
+    return table(curve_columns([curve]))
 
 
 def points_table(curve: Curve) -> pd.DataFrame:
     """The special points of an equilibrium path as a pandas table; columns as in `point_columns`."""
-    return _table(point_columns([curve]))
+    return table(point_columns([curve]))
 
 
 def fold_table(curve: FoldCurve) -> pd.DataFrame:
     """A limit point as one number changes as a pandas table; columns as in `fold_columns`."""
-    return _table(fold_columns(curve))
+    return table(fold_columns(curve))
 
 
 def write_run(
@@ -128,7 +128,8 @@ def write_sensitivities(found: Sequence[Sensitivity], directory: str | os.PathLi
     return write_files(directory, _as_csv({SENSITIVITIES_FILE: sensitivity_columns(found)}))
 
 
-def _table(columns: Columns) -> pd.DataFrame:
+def table(columns: Columns) -> pd.DataFrame:
+    """Columns as a pandas table."""
     import pandas as pd
 
     return pd.DataFrame(columns)

@@ -5,7 +5,8 @@ executor, `load_sweep` gives the results as arrays or a table. `optimize` looks 
 column largest or smallest. See `docs/sweep.md`.
 """
 
-from simulator.sweep.loading import MissingExtra, load_sweep, load_table
+from simulator.results.extras import MissingExtra
+from simulator.sweep.loading import load_sweep, load_table
 from simulator.sweep.lockstep.chunk import DisagreementError
 from simulator.sweep.lockstep.many import ManyRuns, simulate_many
 from simulator.sweep.optimum import Optimum, Question, optimize, read_question

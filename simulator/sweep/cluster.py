@@ -7,7 +7,7 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from typing import Any
 
-from simulator.sweep.loading import MissingExtra
+from simulator.results.extras import MissingExtra
 
 PATIENCE = 10.0  # seconds to wait for a scheduler
 

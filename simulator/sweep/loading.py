@@ -10,15 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from simulator.results.extras import MissingExtra
 from simulator.sweep.storage import PARQUET, TABLE, read_record, stored
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
-
-
-class MissingExtra(ImportError):
-    """A package that comes with an extra is not installed; the message names the extra."""
 
 
 def load_sweep(directory: str | os.PathLike[str]) -> xr.Dataset | pd.DataFrame:
