@@ -1,4 +1,4 @@
-"""`balloons states` and `balloons unload`: what a voltage that comes and goes can write, and leaves behind."""
+"""`balloons states`, `balloons unload`: what a voltage that comes and goes can write, and leaves behind."""
 
 from __future__ import annotations
 

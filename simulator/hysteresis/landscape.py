@@ -195,17 +195,20 @@ class Landscape:
         )
 
     def _are_one(self, branch: Branch, reaches: tuple[float, float], other: Branch) -> bool:
-        """Whether two branches, each followed to its ends, are one: one state in the middle of both."""
+        """Whether two branches, each followed to its ends, are one: the same ends, and one state between.
+
+        Two that only meet, at a branch point, have a state in common and no range.
+        """
         theirs = self._range(other)
         low, high = max(reaches[0], theirs[0]), min(reaches[1], theirs[1])
-        if low > high:
+        scales = branch.equations.scales
+        apart = max(abs(a - b) for a, b in zip(reaches, theirs, strict=True)) / float(scales[-1])
+        if low > high or (apart >= _OTHER and high - low < _OTHER * float(scales[-1])):
             return False
         middle = 0.5 * (low + high)
-        scales = branch.equations.scales
         gap = float(np.max(np.abs(branch.state_at(middle) - other.state_at(middle)) / scales))
         if gap >= _OTHER:
             return False
-        apart = max(abs(a - b) for a, b in zip(reaches, theirs, strict=True)) / float(scales[-1])
         if gap >= _SAME or apart >= _OTHER:
             raise AmbiguousStates(f"two states at v = {middle:.12g} are {gap:.2g} apart: one, or two?")
         return True

@@ -137,7 +137,7 @@ def _own_line(scenario: Scenario) -> tuple[VoltageLine, float]:
                         f"step.{number}",
                         None,
                         "must move all voltages along one line through zero, the same in each step; or say "
-                        f"along which they are to move, such as along = {{ {scenario.electroded[0]} = 1 }}",
+                        f"which balloon gets which share (along, --along {scenario.electroded[0]}=1)",
                     ),
                 )
     return found or VoltageLine.common(count), highest

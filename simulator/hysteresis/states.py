@@ -138,7 +138,8 @@ def _add_others(scenario: Scenario, landscape: Landscape) -> None:
     group = begin.groups[0]
     if group.equations.is_open:
         raise ScenarioError(
-            scenario.file, Problem("all", None, "needs a closed valve: with it open, balloons are on their own")
+            scenario.file,
+            Problem("all", None, "needs a closed valve: with it open, balloons are on their own"),
         )
     known: list[FloatArray] = []
     for rest in rests(begin.device, group.equations.gas):  # type: ignore[union-attr]

@@ -91,7 +91,9 @@ def transition_columns(graph: StateGraph) -> Columns:
     return _with_si(columns, graph)
 
 
-def write_states(graph: StateGraph, directory: str | os.PathLike[str], *, graphml: bool = False) -> list[Path]:
+def write_states(
+    graph: StateGraph, directory: str | os.PathLike[str], *, graphml: bool = False
+) -> list[Path]:
     """Write `states.csv`, `transitions.csv` and `states.json` into a directory, all or none.
 
     Parameters

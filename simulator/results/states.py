@@ -1,4 +1,4 @@
-"""The immutable graph of a device's stable states: which states there are, and what leads from one to another.
+"""The immutable graph of a device's stable states: which there are, and what leads from one to another.
 
 As in `history`, tables, pictures and networkx are imported when they are needed.
 """
@@ -234,15 +234,15 @@ class StateGraph:
 
     def to_dataframe(self) -> pd.DataFrame:
         """The states as a table, one row each; columns as in `states.csv` (`docs/results.md`)."""
-        from simulator.results.tables import table
         from simulator.results.state_tables import state_columns
+        from simulator.results.tables import table
 
         return table(state_columns(self))
 
     def transitions_to_dataframe(self) -> pd.DataFrame:
         """The transitions as a table; columns as in `transitions.csv` (`docs/results.md`)."""
-        from simulator.results.tables import table
         from simulator.results.state_tables import transition_columns
+        from simulator.results.tables import table
 
         return table(transition_columns(self))
 

@@ -80,7 +80,13 @@ def _bar(graph: StateGraph, state: State, height: int, volts: float, ax: Axes) -
         shown = "  ".join(f"{x:.1f}" for x in state.stretch[state.stretch.shape[0] // 2])
         middle = 0.5 * (low + high)
         ax.annotate(
-            shown, (middle, height), (0, 3), textcoords="offset points", ha="center", fontsize=7.5, color=colour
+            shown,
+            (middle, height),
+            (0, 3),
+            textcoords="offset points",
+            ha="center",
+            fontsize=7.5,
+            color=colour,
         )
 
 

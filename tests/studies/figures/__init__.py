@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import matplotlib as mpl
 
-from tests.studies.figures import actuation, chamber, histories, inflation, snap
+from tests.studies.figures import actuation, chamber, histories, hysteresis, inflation, snap
 from tests.studies.figures.style import SETTINGS
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ FIGURES: dict[str, Callable[[Path], Figure]] = {
 }
 
 # What the paper does not have.
-MORE: dict[str, Callable[[Path], Figure]] = {"chamber": chamber.draw}
+MORE: dict[str, Callable[[Path], Figure]] = {"chamber": chamber.draw, "states": hysteresis.draw_states}
 
 _DOTS_PER_INCH = 200.0
 _WIDEST = 1120.0  # dots
