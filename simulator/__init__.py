@@ -21,12 +21,14 @@ if TYPE_CHECKING:
     from simulator.events import EventKind, Outcome
     from simulator.hysteresis.memory import MemoryLost, return_point_memory
     from simulator.hysteresis.states import states
+    from simulator.hysteresis.unloading import unload, unload_map
     from simulator.results.curve import Curve, FoldCurve, SpecialPoint
     from simulator.results.extras import MissingExtra
     from simulator.results.files import OutputError
     from simulator.results.history import EnergyBalance, Event, History, SolverStatistics, Stop, Verdict
     from simulator.results.sensitivity import Sensitivity
     from simulator.results.states import State, StateGraph, Transition
+    from simulator.results.unloading import UnloadedPath, Unloading, UnloadingMap
     from simulator.scenario import Scenario, ScenarioError, load_scenario
     from simulator.simulation.explanation import explain
     from simulator.simulation.run import SolverError, simulate
@@ -79,6 +81,9 @@ __all__ = [
     "Sweep",
     "SweepResult",
     "Transition",
+    "UnloadedPath",
+    "Unloading",
+    "UnloadingMap",
     "Verdict",
     "all_sensitivities",
     "explain",
@@ -98,6 +103,8 @@ __all__ = [
     "trace",
     "trace_all",
     "trace_inflation",
+    "unload",
+    "unload_map",
 ]
 
 _NAMES = {
@@ -107,11 +114,13 @@ _NAMES = {
     "events": ("EventKind", "Outcome"),
     "hysteresis.memory": ("MemoryLost", "return_point_memory"),
     "hysteresis.states": ("states",),
+    "hysteresis.unloading": ("unload", "unload_map"),
     "results.curve": ("Curve", "FoldCurve", "SpecialPoint"),
     "results.extras": ("MissingExtra",),
     "results.files": ("OutputError",),
     "results.history": ("EnergyBalance", "Event", "History", "SolverStatistics", "Stop", "Verdict"),
     "results.states": ("State", "StateGraph", "Transition"),
+    "results.unloading": ("UnloadedPath", "Unloading", "UnloadingMap"),
     "results.sensitivity": ("Sensitivity",),
     "scenario": ("Scenario", "ScenarioError", "load_scenario"),
     "simulation.explanation": ("explain",),

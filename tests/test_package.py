@@ -93,7 +93,7 @@ def test_the_help_lists_the_verbs_of_a_users_work():
     )
     listed = re.findall(r"^│ (\w+) ", done.stdout, re.MULTILINE)
     assert sorted(listed) == sorted(
-        ["run", "trace", "fold", "states", "explain", "presets", "sweep", "map", "optimize"]
+        ["run", "trace", "fold", "states", "unload", "explain", "presets", "sweep", "map", "optimize"]
     )
 
 

@@ -7,13 +7,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from simulator.cli.endings import BAD_INPUT, errors_reported, fail, solver_failures_reported
+from simulator.cli.endings import BAD_INPUT, errors_reported, fail, interrupted, solver_failures_reported
 from simulator.cli.options import Quiet, ScenarioArgument, results_option
+from simulator.cli.pictures import FormatOption, any_format, draw, remove_old, say_removed, wanted
+from simulator.cli.summary_units import print_bare
 
 if TYPE_CHECKING:
     from simulator.results.states import StateGraph
+    from simulator.results.unloading import Unloading, UnloadingMap
 
-STATES_PICTURE = "states.png"
+STATES_PICTURE = "states"
+UNLOADING_PICTURE = "unload"
+MAP_PICTURE = "unload_map"
 
 Along = Annotated[
     str | None,
@@ -38,35 +43,89 @@ def states(
     graphml: Annotated[
         bool, typer.Option("--graphml", help="Also write states.graphml (needs networkx).")
     ] = False,
-    plot: Annotated[bool, typer.Option("--plot", help=f"Also draw {STATES_PICTURE}.")] = False,
+    plot: Annotated[bool, typer.Option("--plot", help=f"Also draw {STATES_PICTURE}.png.")] = False,
+    form: FormatOption = None,
     quiet: Quiet = False,
 ) -> None:
     """Find the stable states that a voltage can write; write states.csv, transitions.csv, states.json."""
-    from simulator.results.files import check_writable, write_files
+    from simulator.results.files import check_writable
     from simulator.results.state_tables import GRAPHML, STATE_FILES, write_states
     from simulator.scenario import load_scenario
 
     directory = Path("results") / f"{scenario.stem}-states" if out is None else out
     shares = _shares(along)
-    with errors_reported():
+    picture = wanted(STATES_PICTURE, plot=plot, form=form)
+    names = (*STATE_FILES, *((GRAPHML,) if graphml else ()), *((picture,) if picture else ()))
+    paths: list[Path] = []
+    with errors_reported(lambda: interrupted(paths)):
         loaded = load_scenario(scenario)
-        names = (*STATE_FILES, *((GRAPHML,) if graphml else ()), *((STATES_PICTURE,) if plot else ()))
         check_writable(directory, names)
         with solver_failures_reported():
             from simulator.hysteresis.states import states as found
 
             graph = found(loaded, low=low, high=high, along=shares, every=every)
-        pictures = {}
-        if plot:
-            from simulator.results.plot import png
-
-            pictures[STATES_PICTURE] = png(graph.plot())
-        paths = write_states(graph, directory, graphml=graphml)
-        paths += write_files(directory, pictures) if pictures else []
+        paths += write_states(graph, directory, graphml=graphml)
+        removed = remove_old(directory, [*any_format(STATES_PICTURE), *(() if graphml else (GRAPHML,))])
+        paths += draw(directory, picture, graph.plot)
     if not quiet:
         from simulator.cli.summary_hysteresis import summarise_states
 
         summarise_states(graph, _remembers(graph), paths)
+        print_bare(loaded)
+        say_removed([name for name in removed if name != picture])
+
+
+def unload(
+    scenario: ScenarioArgument,
+    peaks: Annotated[
+        str, typer.Option(metavar="A:B:N", help="N peaks from A to B, such as 0.1:0.5:81 or 2kV:6kV:81.")
+    ],
+    out: Annotated[Path | None, results_option("results/<SCENARIO's stem>-unload")] = None,
+    reload: Annotated[bool, typer.Option("--reload", help="Then up to the peak once more.")] = False,
+    vary: Annotated[
+        str | None,
+        typer.Option(metavar="KEY=A:B:N", help="A map over another number too.", show_default=False),
+    ] = None,
+    along: Along = None,
+    plot: Annotated[bool, typer.Option("--plot", help=f"Also draw {UNLOADING_PICTURE}.png.")] = False,
+    form: FormatOption = None,
+    quiet: Quiet = False,
+) -> None:
+    """Raise the voltage to each of many peaks and take it back; write unload.csv and peaks.csv."""
+    from simulator.results.files import check_writable
+    from simulator.results.unloading_tables import MAP_FILE, UNLOADING_FILES
+    from simulator.scenario import load_scenario
+
+    directory = Path("results") / f"{scenario.stem}-unload" if out is None else out
+    shares = _shares(along)
+    key, _, values = (vary or "").partition("=")
+    if vary is not None and not (key and values):
+        fail(f"--vary {vary}: must be a key with values, such as gas.ambient_pressure=0.05:1:20", BAD_INPUT)
+    if vary is not None and reload:
+        fail("--reload does not go with --vary", BAD_INPUT)
+    names, stem = (UNLOADING_FILES, UNLOADING_PICTURE) if vary is None else ((MAP_FILE,), MAP_PICTURE)
+    picture = wanted(stem, plot=plot, form=form)
+    paths: list[Path] = []
+    with errors_reported(lambda: interrupted(paths)):
+        loaded = load_scenario(scenario)
+        check_writable(directory, (*names, picture) if picture else names)
+        found: Unloading | UnloadingMap
+        with solver_failures_reported():
+            from simulator.hysteresis.unloading import unload, unload_map
+
+            if vary is None:
+                found = unload(loaded, peaks, reload=reload, along=shares)
+            else:
+                found = unload_map(loaded, peaks, key, values, along=shares)
+        paths += found.to_csv(directory)
+        removed = remove_old(directory, any_format(stem))
+        paths += draw(directory, picture, found.plot)
+    if not quiet:
+        from simulator.cli.summary_hysteresis import summarise_unloading
+
+        summarise_unloading(found, paths)
+        print_bare(loaded)
+        say_removed([name for name in removed if name != picture])
 
 
 def _remembers(graph: StateGraph) -> str:

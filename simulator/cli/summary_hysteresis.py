@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from simulator import units
 from simulator.cli.summary import print_files, printable
+from simulator.results.unloading import Unloading, UnloadingMap
 
 if TYPE_CHECKING:
     from simulator.results.states import StateGraph, Transition
@@ -45,6 +49,52 @@ def summarise_states(graph: StateGraph, memory: str, paths: Sequence[Path]) -> N
         print(f"         … and {len(graph) - SHOWN} more, in states.csv")
     print(f"memory   {memory}")
     print_files(paths)
+
+
+def summarise_unloading(found: Unloading | UnloadingMap, paths: Sequence[Path]) -> None:
+    """Say what the voltage left behind.
+
+    Parameters
+    ----------
+    found : Unloading or UnloadingMap
+    paths : sequence of Path
+        Files written.
+    """
+    print(printable(found.title))
+    print(f"\ndrive    {drive_words(found.electroded, found.share.tolist())}")
+    low, high = (volts(found.scales, float(v)) for v in (found.peaks.min(), found.peaks.max()))
+    print(f"peaks    {found.peaks.size} from {low} to {high}")
+    if isinstance(found, UnloadingMap):
+        print(f"values   {found.values.size} of {found.key}")
+        words = Counter(word for row in found.outcome for word in row)
+    else:
+        words = Counter(found.outcome)
+        _print_thresholds(found)
+    print(f"ended    {', '.join(f'{count} {word}' for word, count in words.items())}")
+    print(f"closed   {int(found.closed.sum())} of the loops")
+    areas = found.area[found.closed & np.isfinite(found.area)]
+    if areas.size:
+        print(
+            f"area     of those, {_energy(found.scales, areas.min())} to {_energy(found.scales, areas.max())}"
+        )
+    if isinstance(found, Unloading) and found.path.failure:
+        print(f"path     could not be followed, the picture is without it: {found.path.failure}")
+    print_files(paths)
+
+
+def _print_thresholds(found: Unloading) -> None:
+    """The voltages at which something happens on the way up and back."""
+    words = {"load": "up", "unload": "back", "reload": "again"}
+    for leg, word in words.items():
+        at = [volts(found.scales, v) for v, on in found.thresholds if on == leg]
+        if at:
+            more = f" … and {len(at) - SHOWN} more, in unload.csv" if len(at) > SHOWN else ""
+            print(f"{word:8} at {', '.join(at[:SHOWN])}{more}")
+
+
+def _energy(scales: Scales | None, value: float) -> str:
+    shown = 0.0 if abs(value) < 1e-11 else float(value)
+    return f"{shown:.6g}" if scales is None else units.with_prefix(units.ENERGY, shown * scales.energy)
 
 
 def drive_words(electroded: Sequence[str], share: Sequence[float]) -> str:

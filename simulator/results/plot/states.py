@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from simulator.results.plot.curve import NO_SPHERE, STABLE, draw_path
-from simulator.results.plot.style import BLACK, COLOURS, GREY, VOLTAGE, dress, marker_style
+from simulator.results.plot.style import BLACK, COLOURS, GREY, VOLTAGE, dress, in_own_style, marker_style
 from simulator.units import VOLTAGE as VOLTAGES
 from simulator.units import prefixed
 
@@ -24,6 +24,7 @@ _MOST_STRETCHES = 6  # balloons whose stretches are written beside a state
 UPWARDS, DOWNWARDS = COLOURS[1], COLOURS[0]
 
 
+@in_own_style
 def plot_states(graph: StateGraph) -> Figure:
     """Draw the largest stretch of each state over the voltage, and beside it the graph.
 
@@ -145,7 +146,7 @@ def _volts(graph: StateGraph) -> tuple[float, str]:
     """What the drive is to be multiplied by on the axis, and its label."""
     shares = set(graph.share.tolist())
     leader = graph.electroded[int(np.argmax(graph.share == 1.0))]
-    what = "voltage" if shares == {1.0} else f"voltage on {leader}"
+    what = "voltage" if shares == {1.0} and len(graph.share) > 1 else f"voltage on {leader}"
     if graph.scales is None:
         return 1.0, f"{what}  {VOLTAGE}"
     scale = graph.scales.of(VOLTAGES)

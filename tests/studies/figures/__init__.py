@@ -38,7 +38,11 @@ FIGURES: dict[str, Callable[[Path], Figure]] = {
 }
 
 # What the paper does not have.
-MORE: dict[str, Callable[[Path], Figure]] = {"chamber": chamber.draw, "states": hysteresis.draw_states}
+MORE: dict[str, Callable[[Path], Figure]] = {
+    "chamber": chamber.draw,
+    "states": hysteresis.draw_states,
+    "unload": hysteresis.draw_unloading,
+}
 
 _DOTS_PER_INCH = 200.0
 _WIDEST = 1120.0  # dots
