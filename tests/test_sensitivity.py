@@ -15,6 +15,7 @@ from simulator.analysis.fold import fold
 from simulator.analysis.sensitivity import all_sensitivities, sensitivities
 from simulator.results.history import EventKind
 from simulator.scenario.keys import changed_scenario, number_at, physical_keys
+from tests.fuzz import derivatives
 from tests.pairs import pair, run, single
 from tests.sweeps import FIG3C, FIG5B, balloons
 
@@ -188,3 +189,69 @@ def test_run_writes_them_when_asked(tmp_path):
     assert np.isfinite([one.derivative for one in expected]).all()
     assert balloons("run", FIG3C, "--out", tmp_path / "plain").exit_code == 0
     assert not (tmp_path / "plain/sensitivities.csv").exists()
+
+
+GENT = {"elastomer": {"model": "gent", "J_lim": 100.0}}
+
+
+def films(*steps):
+    """Two films on one gas, inflated first."""
+    balloon = [{"name": "one", "electrodes": True, **GENT}]
+    balloon += [{"name": "two", "electrodes": True, "radius": 0.9, **GENT}]
+    gas = {"ambient_pressure": 0.015}
+    return {"title": "films", "gas": gas, "balloon": balloon, "step": [{"inflate": 0.8}, *steps]}
+
+
+@pytest.mark.parametrize("key", ["balloon.one.thickness", "balloon.one.permittivity", "balloon.two.radius"])
+def test_of_films_inflated_with_their_charges(key):
+    document = films({"charge": {"one": 1.5, "two": 0.4}}, {"inflate": 2.0})
+    history = run(load_scenario(document))
+    assert len(turns(history)) == 2
+    for event in turns(history):
+        (one,) = sensitivities(history, event, [key])
+        assert derivatives.moved_to(document, one, history, one.parameter) == pytest.approx(one.value)
+        assert derivatives.problem_of(document, one, history) is None
+        wrong = replace(one, derivative=one.derivative + 1e-3)
+        assert derivatives.problem_of(document, wrong, history) is not None
+
+
+@pytest.mark.parametrize(
+    "steps",
+    [
+        [{"charge": {"one": 0.1, "two": 0.1}}, {"ramp": 0.6}],
+        [{"charge": {"one": 0.1, "two": 0.1}}, {"ramp": {"one": 0.6}}],
+        [{"ramp": 0.1}, {"charge": {"one": 0.1}}, {"inflate": 2.0}],
+    ],
+    ids=["from there", "beside one left alone", "a charge that was a voltage"],
+)
+def test_not_where_voltages_follow_from_charges(steps):
+    history = run(load_scenario(films(*steps)))
+    assert all_sensitivities(history) == ()
+    with pytest.raises(ValueError, match="a charge before it"):
+        sensitivities(history, turns(history)[0])
+
+
+def test_of_an_exponent_at_a_large_stretch():
+    """λ^α at λ = 25 bends so much that differences of fourth order were 14 % off; by the reference."""
+    mu, alpha = [630000.0, 1200.0, -10000.0], [1.3, 5.0, -2.0]
+    document = {
+        "title": "soft film on a large balloon",
+        "gas": {"ambient_pressure": 0.001749},
+        "balloon": [
+            {"name": "b0", "elastomer": {"model": "ogden", "mu": mu, "alpha": alpha}},
+            {
+                **{"name": "b1", "radius": 0.0742, "thickness": 0.4173, "modulus": 0.7322},
+                **{"electrodes": True, "elastomer": {"model": "gent", "J_lim": 19.67}},
+            },
+        ],
+        "step": [{"inflate": 4.605}, {"ramp": 1.585, "valve": "open"}, {"ramp": -0.1415}],
+    }
+    history = run(load_scenario(document))
+    (one,) = sensitivities(history, turns(history)[-1], ["balloon.b0.elastomer.alpha.2"])
+    slopes = [
+        (derivatives.moved_to(document, one, history, 5.0 + h) or 0.0)
+        - (derivatives.moved_to(document, one, history, 5.0 - h) or 0.0)
+        for h in (1e-3, 2e-3)
+    ]
+    exact = (8.0 * slopes[0] - slopes[1]) / 12e-3
+    assert one.derivative == pytest.approx(exact, rel=1e-3)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from simulator.model.device import Device
 from simulator.model.drive import VoltageLine
 from simulator.results.history import History
-from simulator.scenario import Inflate
+from simulator.scenario import Inflate, Ramp
 from simulator.scenario.keys import changed_scenario
 from simulator.simulation import motion
 
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-_STEP = 1e-3  # of q; the differences' error is about its fourth power, rounding one over it
-_CENTRAL = {-2: 1.0 / 12.0, -1: -2.0 / 3.0, 1: 2.0 / 3.0, 2: -1.0 / 12.0}
+_STEP = 1e-3  # of q; the differences' error is about its sixth power, rounding one over it
+_CENTRAL = {-3: -1 / 60, -2: 3 / 20, -1: -3 / 4, 1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
 _FORWARD = {0: -25.0 / 12.0, 1: 4.0, 2: -3.0, 3: 4.0 / 3.0, 4: -0.25}
 
 
@@ -123,7 +123,7 @@ def last_open(history: History, steps: Sequence[PlayedStep], number: int) -> Ope
 def opened(history: History, steps: Sequence[PlayedStep], number: int) -> OpenState:
     """The state at the end of a step that the valve is open in."""
     if number == 0:
-        return OpenState(0, np.ones(len(history.balloons)), 0.0, _sources(history, steps, 0), None)
+        return OpenState(0, np.ones(len(history.balloons)), 0.0, sources(history, steps, 0), None)
     first = number
     while first > 1 and motion.opens_valve(steps[first - 2]):
         first -= 1
@@ -131,22 +131,22 @@ def opened(history: History, steps: Sequence[PlayedStep], number: int) -> OpenSt
     stretch, pressure = history.stretch[row], float(history.pressure[row])
     inflated = any(isinstance(step, Inflate) for step in steps[first - 1 : number])
     before = None if inflated or first == 1 else _closed(history, steps, first - 1)
-    return OpenState(number, stretch, pressure, _sources(history, steps, number), before)
+    return OpenState(number, stretch, pressure, sources(history, steps, number), before)
 
 
 def _closed(history: History, steps: Sequence[PlayedStep], number: int) -> SealedState:
     """The state at the end of a step that the valve is closed in."""
     row = _end(history, number)
     since = last_open(history, steps, number)
-    sources = _sources(history, steps, number)
-    return SealedState(history.stretch[row], float(history.pressure[row]), sources, since)
+    held = sources(history, steps, number)
+    return SealedState(history.stretch[row], float(history.pressure[row]), held, since)
 
 
 def _end(history: History, number: int) -> int:
     return int(np.flatnonzero(history.step <= number)[-1])
 
 
-def _sources(history: History, steps: Sequence[PlayedStep], number: int) -> VoltageLine:
+def sources(history: History, steps: Sequence[PlayedStep], number: int) -> VoltageLine:
     """What the electrodes are given at the end of a step, held there."""
     if number == 0:
         return VoltageLine.still([0.0] * len(history.electroded))
@@ -155,6 +155,30 @@ def _sources(history: History, steps: Sequence[PlayedStep], number: int) -> Volt
     if given and given[-1] == "charge":
         return VoltageLine.still(history.charge[row].tolist(), "charge")
     return VoltageLine.still(history.voltage[row].tolist())
+
+
+def is_converted(history: History, steps: Sequence[PlayedStep]) -> bool:
+    """Whether some film has a voltage in the last of some steps because of a charge before, or the reverse.
+
+    It kept what it had as the other of the two was given, or the last step ramps it from there. That moves
+    with every number, through the state of that moment.
+    """
+    given = "voltage"
+    for number, step in enumerate(steps, start=1):
+        now = motion.given_by(step)
+        if now is None or now == given:
+            continue
+        given = now
+        if number == 1:
+            continue
+        charge = history.charge[_end(history, number - 1)]
+        charged = [name for name, value in zip(history.electroded, charge, strict=True) if value]
+        if set(charged) & set(motion.left_alone(step, history.electroded)):
+            return True
+        # One film alone has but one line of voltages, wherever on it a ramp begins.
+        if number == len(steps) and isinstance(step, Ramp) and charged and len(charge) > 1:
+            return True
+    return False
 
 
 def sealed_gas(device: Device, stretch: FloatArray, pressure: float) -> Contents:
@@ -173,7 +197,7 @@ def _inflated(scenario: Scenario, number: int) -> float:
 
 
 def derivative(function: Callable[[float], FloatArray], at: float) -> FloatArray:
-    """f′ by differences of fourth order; from one side at 0, which many numbers must not fall below."""
+    """f′ by differences of sixth order; at 0, which many numbers must not fall below, from one side."""
     weights, step = (_CENTRAL, _STEP * abs(at)) if at else (_FORWARD, 0.1 * _STEP)
     here = function(at)  # taken off first: what does not depend on q then has a derivative of exactly 0
     return np.asarray(sum(w * (function(at + i * step) - here) for i, w in weights.items()) / step)

@@ -8,7 +8,7 @@ zᵀ∂R/∂x = 0, the change of the drive v at which the branch folds is explic
 ∂R/∂q is total: the amount of gas sealed depends on q too, and on the inflated state, which moves as
 dλ⁰/dq = −(∂g/∂q)/(∂g/∂λ). With the valve open the pressure is the one at which the valve was opened, and
 moves with the sealed state of that moment. Derivatives in q are differences of R, not of limit points: of a
-smooth function at one state, with central differences of fourth order good to ten digits or more. So any
+smooth function at one state, with central differences of sixth order good to ten digits or more. So any
 number that the scenario's grammar has can be q.
 
 A loss of sphericity is a regular point of R = 0, s = 0: (x, v) moves by the implicit function theorem.
@@ -24,7 +24,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.analysis.limit_points import margin_of
-from simulator.analysis.past import Moving, OpenState, derivative, last_open, opened, sealed_gas
+from simulator.analysis.past import (
+    Moving,
+    OpenState,
+    derivative,
+    is_converted,
+    last_open,
+    opened,
+    sealed_gas,
+    sources,
+)
 from simulator.events import SHAPE_EVENTS, EventKind
 from simulator.model.conditions import gradient
 from simulator.model.device import Device
@@ -71,8 +80,9 @@ def sensitivities(
     ------
     ValueError
         If the event is none of these, is one of given charges or of sines by name, or comes after a step
-        that an `until` ended: where that is moves with the numbers too. Also if the scenario has
-        `[dynamics]`, with which a limit point is passed late.
+        that an `until` ended: where that is moves with the numbers too. So does a voltage that follows from
+        a charge given before, or a charge from a voltage. Also if the scenario has `[dynamics]`, with which a
+        limit point is passed late.
     ArithmeticError
         If its state is not one to rounding.
 
@@ -124,8 +134,8 @@ def sensitivities(
 def all_sensitivities(history: History) -> tuple[Sensitivity, ...]:
     """`sensitivities` of all limit points and changes of shape of a history, in all numbers of its device.
 
-    Those in voltage or pressure, along a line and not after a step that an `until` ended; with
-    `[dynamics]` a limit point is passed late, and there are none.
+    Those in voltage or pressure, along a line, and not where what was before moves with the numbers in a way
+    that `sensitivities` refuses; with `[dynamics]` a limit point is passed late, and there are none.
     """
     if history.scenario.dynamics is not None:
         return ()
@@ -133,10 +143,14 @@ def all_sensitivities(history: History) -> tuple[Sensitivity, ...]:
         isinstance(step, Charge) or (isinstance(step, Sine) and isinstance(step.sine, SineByName))
         for step in history.scenario.played_steps()
     ]
+    steps = list(history.scenario.played_steps())
     turns = [
         event
         for event in history.events
-        if _moves_smoothly(event) and not curved[event.step - 1] and not _ended_early(history, event)
+        if _moves_smoothly(event)
+        and not curved[event.step - 1]
+        and not _ended_early(history, event)
+        and not is_converted(history, steps[: event.step])
     ]
     return tuple(one for event in turns for one in sensitivities(history, event))
 
@@ -186,8 +200,12 @@ class _Here:
             raise ValueError(f"limit point at time {event.time}: of sines by name, not of a voltage")
         if _ended_early(history, event):
             raise ValueError(f"limit point at time {event.time}: an until before it moves too")
+        if is_converted(history, steps):
+            raise ValueError(
+                f"limit point at time {event.time}: a charge before it makes a voltage, which moves too"
+            )
         if isinstance(step, Inflate):
-            line, v = VoltageLine(tuple(voltage.tolist()), (0.0,) * voltage.size), event.pressure_before
+            line, v = sources(history, steps, event.step - 1), event.pressure_before
         else:
             v = line.coordinate(event.voltage.tolist())
         state = np.array([*event.stretch_before, event.pressure_before, v])
@@ -252,7 +270,7 @@ class _Here:
     def _alone(self, device: Device, balloon: int, pressure: float) -> AnyEquations:
         """One balloon with the valve open, in this step."""
         if isinstance(self.step, Inflate):
-            return device.inflated(balloon, self.line.offset)
+            return device.inflated(balloon, self.line.offset, self.line.quantity)
         return device.actuated(balloon, pressure, self.line)
 
     def _residual(self, moving: Moving, place: int) -> Callable[[float], FloatArray]:

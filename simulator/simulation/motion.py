@@ -54,6 +54,22 @@ def given_by(step: PlayedStep) -> Quantity | None:
     return "charge" if isinstance(step, Charge) else "voltage"
 
 
+def left_alone(step: PlayedStep, electroded: Sequence[str]) -> list[str]:
+    """The electroded balloons that a step gives nothing: they keep their voltage, or their charge."""
+    match step:
+        case Inflate() | Hold():
+            return list(electroded)
+        case Ramp(ramp=dict() as given) | Jump(jump=dict() as given) | Charge(charge=dict() as given):
+            return [name for name in electroded if name not in given]
+        case Sine(sine=SineByName(balloons=waves)):
+            return [name for name in electroded if name not in waves]
+        case Triangle(triangle=TriangleByName(balloons=sides)):
+            return [name for name in electroded if name not in sides]
+        case Table(table=RecordingByName(voltages=found)):
+            return [name for name in electroded if name not in found]
+    return []
+
+
 def opens_valve(step: PlayedStep) -> bool:
     """Whether the valve is open during a step."""
     return isinstance(step, Inflate) or step.valve == "open"

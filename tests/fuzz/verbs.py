@@ -3,8 +3,9 @@
     python -m tests.fuzz.verbs N --seed S
 
 Nothing may crash, and what comes out is held against the equations by the reference's own code: each point
-of a path is an equilibrium of the same gas, each limit point has a singular Hessian, each derivative is a
-difference of two runs, each row of a sweep is a run of its own.
+of a path is an equilibrium of the same gas, each limit point has a singular Hessian, each derivative (of
+limit points and of losses of sphericity) is that of the reference's events, each row of a sweep is a run of
+its own.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from simulator import (
     trace_all,
     trace_inflation,
 )
-from tests.fuzz import command, grammar
+from tests.fuzz import command, derivatives, grammar
 from tests.fuzz.chances import chance, log_uniform
 from tests.fuzz.keeping import keep
 from tests.fuzz.paths import curve_problems, fold_problems
@@ -43,9 +44,6 @@ from tests.pairs import run
 FloatArray = NDArray[np.float64]
 Document = dict[str, Any]
 Rng = np.random.Generator
-
-DERIVATIVE = 1e-3
-_STEP = 1e-5
 
 
 # ------------------------------------------------------------------ played in a process of their own
@@ -135,8 +133,9 @@ def examine(
         to = keys[key] * log_uniform(rng, 0.2, 5.0)
         ran = runner.call(folded, document, key, to)
         yield from _told(f"folded {key} to {to!r}", ran, lambda found: fold_problems(document, key, found))
-    ran = runner.call(with_sensitivities, document)
-    yield from _told("sensitivities", ran, lambda value: _derivative_problems(document, value, rng, runner))
+    shaped = {**document, "shape": {"on_loss": "record"}}
+    ran = runner.call(with_sensitivities, shaped)
+    yield from _told("sensitivities", ran, lambda value: derivative_problems(shaped, value, rng))
     if not keys or ("dynamics" in document and chance(rng, 0.7)):
         return
     key = str(rng.choice(list(keys)))
@@ -159,45 +158,12 @@ def _told(verb: str, ran: Ran, judge: Callable[[Any], list[str]]) -> Iterator[tu
     yield verb, ran.end if ran.end != "raised" else ran.error.split(":")[0], problems
 
 
-def _derivative_problems(document: Document, value: Any, rng: Rng, runner: Runner) -> list[str]:
-    """Two of the derivatives against differences of runs."""
+def derivative_problems(document: Document, value: Any, rng: Rng) -> list[str]:
+    """What is wrong with two of the derivatives; played in a process of its own."""
     history, found = value
-    wall = ("radius", "thickness", "modulus", "elastomer")
-    makes = [{key: b.get(key, 1.0) for key in wall} for b in document["balloon"]]
-    if not found or any(a == b for i, a in enumerate(makes) for b in makes[:i]):
-        return []  # what equal balloons do changes with the sign of a change
-    out = []
-    for place in rng.permutation(len(found))[:2]:
-        one = found[int(place)]
-        size = max(abs(one.parameter), 1e-3) * _STEP
-        moved: list[float] = []
-        for sign in (-1.0, 1.0):
-            ran = runner.call(played, document, {one.key: one.parameter + sign * size})
-            if (other := _value_of(one, history, ran)) is not None:
-                moved.append(other)
-        if len(moved) < 2:
-            continue  # the change of the number changes what happens
-        slope = (moved[1] - moved[0]) / (2.0 * size)
-        scale = max(abs(one.derivative), abs(one.value) / max(abs(one.parameter), 1e-3) * 1e-3)
-        if abs(slope - one.derivative) > DERIVATIVE * scale + 1e-9 / size:
-            out.append(
-                f"d({one.of})/d({one.key}) at time {one.time!r}: {one.derivative!r}, by difference {slope!r}"
-            )
-    return out
-
-
-def _value_of(one: Any, history: Any, ran: Ran) -> float | None:
-    """The same quantity of the same event of another run; None where it is not there."""
-    if ran.end != "returned":
-        return None
-    kinds = [[event.kind for event in h.events] for h in (history, ran.value)]
-    number = next(i for i, e in enumerate(history.events) if e.time == one.time and e.kind == "limit_point")
-    if kinds[0][: number + 1] != kinds[1][: number + 1] or ran.value.events[number].step != one.step:
-        return None
-    event = ran.value.events[number]
-    if one.of == "pressure":
-        return float(event.pressure_before)
-    return float(event.voltage[history.electroded.index(one.of.removeprefix("voltage_"))])
+    chosen = [one for one in derivatives.two_of(found, rng) if derivatives.can_be_checked(one, history)]
+    problems = (derivatives.problem_of(document, one, history) for one in chosen)
+    return [problem for problem in problems if problem]
 
 
 def _row_problems(document: Document, rows: list[dict[str, Any]], key: str, runner: Runner) -> list[str]:
