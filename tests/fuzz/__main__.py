@@ -7,7 +7,6 @@ import json
 import sys
 import time
 from collections import Counter
-from pathlib import Path
 from typing import Any
 
 from tests.fuzz import Verdict, command, examine, numpy_dice, scenario
@@ -26,7 +25,6 @@ def numbered(number: int) -> Played:
 
 def main() -> int:
     parser = command.parser("tests.fuzz", "Random sealed pairs against the closed form.", 1000, parallel=True)
-    parser.add_argument("--report", type=Path, help="JSON file for the counts and the worst errors")
     options = parser.parse_args()
     start = time.perf_counter()
     outcomes: Counter[str] = Counter()

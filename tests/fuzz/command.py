@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import sys
 import time
@@ -20,6 +21,7 @@ def parser(module: str, description: str, count: int, *, parallel: bool = False)
     found = argparse.ArgumentParser(prog=f"python -m {module}", description=description)
     found.add_argument("count", type=int, nargs="?", default=count)
     found.add_argument("--seed", type=int, default=0, help="scenarios are number seed·10⁶ + 0 … N − 1")
+    found.add_argument("--report", type=Path, help="JSON file for the counts")
     found.add_argument("--keep", type=Path, default=Path("results/fuzz"), help="folder for what is wrong")
     if parallel:
         found.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes; all cores")
@@ -50,6 +52,13 @@ def with_progress(played: Iterator[Played], total: int) -> Iterator[Played]:
             left = (time.perf_counter() - start) * (total - count) / count
             end = "\r" if sys.stderr.isatty() and count < total else "\n"
             print(f"{count} of {total}, {left:.0f} s to go   ", end=end, file=sys.stderr, flush=True)
+
+
+def write_report(file: Path, seed: int, counts: Mapping[str, object]) -> None:
+    """Write what was found with a seed into a JSON file, beside what was found with others."""
+    known = json.loads(file.read_text()) if file.exists() else {}
+    known[str(seed)] = counts
+    file.write_text(json.dumps(known, indent=2, sort_keys=True) + "\n")
 
 
 def print_counts(**counts: Counter[str]) -> None:

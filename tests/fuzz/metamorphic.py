@@ -1,6 +1,6 @@
 """Pairs of scenarios that must have the same history: the simulator is compared with itself alone.
 
-    python -m tests.fuzz.metamorphic N --seed S
+    python -m tests.fuzz.metamorphic N --seed S [--twins 3]
 
 What a twin is written like differs, what happens does not: balloons in another order, voltages of the other
 sign, other units, a cycle written out, a ramp in two halves or as a table, a chamber of no volume, a
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -26,6 +27,7 @@ from tests.pairs import run
 
 Document = dict[str, Any]
 Rng = np.random.Generator
+Judged = tuple[str, Document]
 
 EVENT = 1e-8  # relative to the film's unit voltage, or to the largest pressure
 STATE = 1e-6
@@ -82,41 +84,54 @@ def history_of(document: Document) -> History:
     return run(load_scenario(document))
 
 
-def examine(document: Document, rng: Rng, folder: Path, runner: Runner) -> dict[str, tuple[str, Document]]:
-    """What is wrong with the twins of a scenario, by kind: in words, and the twin."""
+def examine(
+    document: Document, rng: Rng, folder: Path, runner: Runner, kinds: Iterable[str] = tuple(TWINS)
+) -> dict[str, Judged]:
+    """What is wrong with the twins of a scenario, by kind, "" where nothing is; none where it has no twin."""
     first = runner.call(history_of, document)
     if first.end != "returned":
         return {}  # how runs end is the affair of `tests.fuzz.whole`
-    wrong = {}
-    for name, make in TWINS.items():
-        if (twin := make(document, rng, folder)) is None:
+    found: dict[str, Judged] = {}
+    for kind in kinds:
+        if (twin := TWINS[kind](document, rng, folder)) is None:
             continue
         second = runner.call(history_of, twin.document)
         if second.end != "returned":
-            wrong[name] = (f"{second.end}: {second.error}", twin.document)
-        elif problem := difference(first.value, second.value, twin):
-            wrong[name] = (problem, twin.document)
-    return wrong
+            found[kind] = f"{second.end}: {second.error}", twin.document
+        else:
+            found[kind] = difference(first.value, second.value, twin) or "", twin.document
+    return found
 
 
-def numbered(number: int, folder: Path, runner: Runner) -> tuple[Document, dict[str, tuple[str, Document]]]:
-    """The scenario of a number, and what is wrong with its twins."""
-    document = grammar.numbered(number, folder)
-    return document, examine(document, np.random.default_rng([number, 7]), folder, runner)
+def in_turn(number: int, count: int) -> list[str]:
+    """So many of the kinds, and others for the next number."""
+    kinds = list(TWINS)
+    return [kinds[(number * count + place) % len(kinds)] for place in range(min(count, len(kinds)))]
 
 
 def main() -> int:
-    options = command.parser("tests.fuzz.metamorphic", __doc__.split("\n")[0], 100).parse_args()
-    counts: Counter[str] = Counter()
+    parser = command.parser("tests.fuzz.metamorphic", __doc__.split("\n")[0], 100)
+    parser.add_argument("--twins", type=int, default=len(TWINS), help="of each scenario, in turn; all")
+    options = parser.parse_args()
+    played: Counter[str] = Counter()
+    wrong: Counter[str] = Counter()
     with TemporaryDirectory() as folder, Runner() as runner:
-        for number in command.numbers(options):
-            document, wrong = numbered(number, Path(folder), runner)
-            for kind, (problem, twin) in wrong.items():
-                counts[kind] += 1
-                print(f"{number} {kind}: {problem}", flush=True)
-                keep(document, options.keep / f"{number}-{kind}.json", problem=problem, twin=twin)
-    print(f"scenarios {options.count}  " + "  ".join(f"{kind} {n}" for kind, n in counts.most_common()))
-    return 1 if counts else 0
+        for count, number in enumerate(command.numbers(options), start=1):
+            document = grammar.numbered(number, Path(folder))
+            rng = np.random.default_rng([number, 7])
+            found = examine(document, rng, Path(folder), runner, in_turn(number, options.twins))
+            for kind, (problem, twin) in found.items():
+                motion = "in real time" if "dynamics" in document else "quasi-static"
+                played[f"{kind}, {motion}"] += 1
+                if problem:
+                    wrong[kind] += 1
+                    print(f"{number} {kind}: {problem}", flush=True)
+                    keep(document, options.keep / f"{number}-{kind}.json", problem=problem, twin=twin)
+            if options.report:
+                report = {"scenarios": count, "pairs": played, "wrong": wrong}
+                command.write_report(options.report, options.seed, report)
+    print(f"scenarios {options.count}  pairs {played.total()}  " + "  ".join(map(str, wrong.most_common())))
+    return 1 if wrong else 0
 
 
 if __name__ == "__main__":

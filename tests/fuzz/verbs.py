@@ -189,7 +189,7 @@ def main() -> int:
     ends: Counter[str] = Counter()
     wrong = 0
     with TemporaryDirectory() as folder, Runner() as runner:
-        for number in command.numbers(options):
+        for count, number in enumerate(command.numbers(options), start=1):
             document = grammar.numbered(number, Path(folder))
             rng = np.random.default_rng([number, 11])
             for verb, end, problems in examine(document, rng, Path(folder), runner):
@@ -200,6 +200,9 @@ def main() -> int:
                 if problems:
                     file = options.keep / f"{number}-{verb.split()[0]}.json"
                     keep(document, file, verb=verb, problems=problems)
+            if options.report:
+                report = {"scenarios": count, "verbs": ends, "problems": wrong}
+                command.write_report(options.report, options.seed, report)
     print("  ".join(f"{end} {count}" for end, count in sorted(ends.items())))
     print(f"scenarios {options.count}  problems {wrong}")
     return 1 if wrong else 0

@@ -6,7 +6,6 @@ python -m tests.fuzz.whole N --seed S
 from __future__ import annotations
 
 import contextlib
-import json
 import sys
 import time
 from collections import Counter
@@ -49,7 +48,6 @@ def fixed_slice(folder: Path) -> Iterator[Played]:
 class _Counts:
     """What has been found so far."""
 
-    seed: int
     start: float = field(default_factory=time.perf_counter)
     totals: Counter[str] = field(default_factory=Counter)
     kinds: Counter[str] = field(default_factory=Counter)
@@ -68,22 +66,19 @@ class _Counts:
             for what, error in verdict.worst.items():
                 self.worst[what] = max(self.worst.get(what, (-1.0, 0)), (error, number))
 
-    def write(self, file: Path) -> None:
-        report = {
-            "seed": self.seed,
+    def report(self) -> dict[str, Any]:
+        return {
             **self.totals,
             **{kind: self.kinds[kind] for kind in KINDS},
             "worst": {what: error for what, (error, _) in sorted(self.worst.items())},
             "seconds": round(time.perf_counter() - self.start, 1),
         }
-        file.write_text(json.dumps(report, indent=2) + "\n")
 
 
 def main() -> int:
     parser = command.parser("tests.fuzz.whole", "Random scenarios of the whole grammar.", 200, parallel=True)
-    parser.add_argument("--report", type=Path, help="JSON file of counts and worst differences, as it goes")
     options = parser.parse_args()
-    counts = _Counts(options.seed)
+    counts = _Counts()
     with TemporaryDirectory() as folder, contextlib.suppress(KeyboardInterrupt):
         one = partial(numbered, folder=Path(folder))
         played = command.play(one, command.numbers(options), options.jobs)
@@ -95,7 +90,7 @@ def main() -> int:
                 told = "; ".join(verdict.problems[:3] or [verdict.message])
                 print(f"{file}: {told}", file=sys.stderr, flush=True)
             if options.report:
-                counts.write(options.report)
+                command.write_report(options.report, options.seed, counts.report())
     command.print_counts(
         totals=counts.totals, verdicts=counts.kinds, outcomes=counts.outcomes, seconds=counts.seconds
     )
