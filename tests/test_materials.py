@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -124,6 +125,26 @@ def test_a_history_ends_where_its_elastomer_is_no_longer_known(tmp_path):
     assert trace(scenario).end.kind == "out_of_range"
     assert trace(scenario).end.stretch[0] == pytest.approx(1.5, abs=1e-12)
     assert max(curve.stretch.max() for curve in trace_all(scenario)) <= 1.5 + 1e-12
+
+
+def test_all_paths_of_a_wall_that_stiffens_exponentially_are_found_without_a_word():
+    """Far out its pressure is more than a float can be."""
+    gent, fung = {"model": "gent", "J_lim": 100.0}, {"model": "fung", "b": 0.04336}
+    scenario = load_scenario(
+        {
+            "title": "liquid between two films",
+            "gas": {"ambient_pressure": 0.2885, "chamber": 5.937, "law": "liquid"},
+            "balloon": [
+                {"name": "small", "radius": 0.2708, "electrodes": True, "elastomer": fung},
+                {"name": "large", "electrodes": True, "elastomer": gent},
+            ],
+            "step": [{"inflate": 2.054}, {"ramp": 0.7323}],
+        }
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        curves = trace_all(scenario)
+    assert all(np.all(np.isfinite(curve.stretch)) for curve in curves)
 
 
 def test_out_of_range_while_inflating_by_a_snap_and_with_the_valve_open(tmp_path):

@@ -159,8 +159,11 @@ def _monotone_parts(device: Device, balloon: int) -> list[tuple[FloatArray, Floa
     stretches = np.concatenate(
         [np.geomspace(1.0, 0.99 * top, 4000), top - np.geomspace(0.01 * top, 1e-9 * top, 400)[1:]]
     )
-    numerator, denominator = wall.elastomer.pole_form(stretches)
-    pressures = numerator / denominator / (wall.pressure_load * stretches**2)
+    with np.errstate(over="ignore"):  # a wall that stiffens exponentially has no end, but floats have
+        numerator, denominator = wall.elastomer.pole_form(stretches)
+        pressures = numerator / denominator / (wall.pressure_load * stretches**2)
+    finite = np.isfinite(pressures)
+    stretches, pressures = stretches[finite], pressures[finite]
     turns = np.flatnonzero(np.diff(np.sign(np.diff(pressures)))) + 1
     pieces = zip([0, *turns], [*turns, stretches.size - 1], strict=True)
     parts = [(stretches[i : j + 1], pressures[i : j + 1]) for i, j in pieces]
