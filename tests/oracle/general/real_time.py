@@ -69,11 +69,12 @@ def play_real_time(
     for player in played:
         doubts += player.doubts
     certain, difference = _compared(first, last)
-    if difference:
-        doubts.append(difference)
+    spread = _spread(first, last)
+    if difference or spread > AGREE:
+        doubts.append(difference or f"on the way the two integrators are {spread:.1g} apart")
     if doubts:
         certain = min(certain, 0 if len(played) < integrators else len(first.events))
-    return last.reference("; ".join(dict.fromkeys(doubts)) or None, certain, _spread(first, last))
+    return last.reference("; ".join(dict.fromkeys(doubts)) or None, certain, spread)
 
 
 class _Player:
