@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.linalg import null_space
 from scipy.optimize import brentq
 
+from simulator import load_scenario
 from simulator.analysis.trace import rests, sealed_state, trace, trace_all
 from simulator.model.conditions import eigenvalues, softest_mode, stability
 from simulator.model.contents import Contents, SealedGas
@@ -268,3 +269,40 @@ def test_a_chamber_decides_whether_a_balloon_snaps_and_stays():
     assert none.stretch[-1] == pytest.approx(none.stretch[none.step == 1][-1], rel=1e-12)
     assert kinds(large) == ["limit_point"]
     assert large.stretch[-1, 0] > 5.0
+
+
+@pytest.mark.parametrize("share", [1e-8, 1e-5, 0.4, 0.6, 1.7])
+def test_an_adiabat_has_all_digits_however_little_is_left_of_its_volume(share):
+    """p V^γ = p₀ V₀^γ in thirty digits; 1 + u has few where u = V/V₀ − 1 is near −1."""
+    import mpmath as mp
+
+    sealed = SealedGas(1e-6, 2e4, 0.0, 0.0, Adiabat(1.061))
+    with mp.workdps(30):
+        volume = mp.mpf(2e4) * mp.mpf(share)
+        exact = mp.mpf(1e-6) * (volume / mp.mpf(2e4)) ** -mp.mpf(1.061)
+        work = mp.mpf(1e-6) * mp.mpf(2e4) * ((volume / 2e4) ** -mp.mpf(0.061) - 1) / mp.mpf(0.061)
+    pressure = -sealed.defect(0.0, 3.0 * float(volume))
+    assert pressure == pytest.approx(float(exact), rel=1e-14, abs=1e-20)
+    assert sealed.energy(float(volume)) == pytest.approx(float(work), rel=1e-14)
+
+
+def test_a_snap_back_from_a_hundred_thousand_times_the_volume():
+    """The gas is sealed after a giant snap; back at a stretch near 1 its pressure still has all digits."""
+    soft = {"model": "ogden", "mu": [630000.0, 1200.0, -10000.0], "alpha": [1.3, 5.0, -2.0]}
+    scenario = load_scenario(
+        {
+            "title": "back from far out",
+            "gas": {"ambient_pressure": 0.0, "law": "adiabatic", "exponent": 1.061},
+            "balloon": [{"name": "b0", "electrodes": True, "elastomer": soft}],
+            "step": [
+                {"inflate": 0.1668},
+                {"ramp": 0.7977},
+                {"hold": 1.0, "valve": "open"},
+                {"jump": 0.0},
+                {"ramp": 0.2964},
+            ],
+        }
+    )
+    history = run(scenario)
+    assert (history.outcome, kinds(history)) == ("completed", ["limit_point", "jump"])
+    assert history.stretch.max() > 20.0

@@ -144,7 +144,7 @@ class IdealGas:
     def energy(self, swelling: Number) -> Number:
         # From the volume V₀ = n/(1 + pₑ), at which p = 1.
         start = self.amount / (1.0 + self.ambient)
-        return work_against(ISOTHERM, 1.0, self.ambient, start, (swelling - start) / start)
+        return work_against(ISOTHERM, 1.0, self.ambient, start, (swelling - start) / start, swelling / start)
 
     def flow_pressure(
         self,
@@ -184,19 +184,20 @@ class SealedGas:
     def _volume(self) -> Number:
         return self.swelling + self.chamber
 
-    def _growth(self, swelling: Number) -> Number:
-        return (swelling - self.swelling) / self._volume
+    def _growth(self, swelling: Number) -> tuple[Number, Number]:
+        """By which fraction the volume has grown, and to how much of what it was."""
+        return (swelling - self.swelling) / self._volume, (swelling + self.chamber) / self._volume
 
     def defect(self, pressure: Number, cubes: Number) -> Number:
-        fall, _ = self.expansion.fall(self._growth(cubes / 3.0))
+        fall, _ = self.expansion.fall(*self._growth(cubes / 3.0))
         return pressure - self.pressure + (self.pressure + self.ambient) * fall
 
     def term_size(self, pressure: Number, cubes: Number) -> Number:
-        fall, _ = self.expansion.fall(self._growth(cubes / 3.0))
+        fall, _ = self.expansion.fall(*self._growth(cubes / 3.0))
         return abs(pressure) + abs(self.pressure) + (self.pressure + self.ambient) * abs(fall)
 
     def linearised(self, pressure: Number, cubes: Number) -> tuple[Number, Number, Number]:
-        fall, slope = self.expansion.fall(self._growth(cubes / 3.0))
+        fall, slope = self.expansion.fall(*self._growth(cubes / 3.0))
         absolute = self.pressure + self.ambient
         return pressure - self.pressure + absolute * fall, 1.0, absolute * slope / self._volume
 
@@ -204,7 +205,9 @@ class SealedGas:
         return self.linearised(0.0, cubes)[2]
 
     def energy(self, swelling: Number) -> Number:
-        return work_against(self.expansion, self.pressure, self.ambient, self._volume, self._growth(swelling))
+        return work_against(
+            self.expansion, self.pressure, self.ambient, self._volume, *self._growth(swelling)
+        )
 
     def flow_pressure(
         self,

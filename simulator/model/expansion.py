@@ -1,6 +1,7 @@
 """How a sealed gas expands: at the temperature of its surroundings, or without exchange of heat.
 
-Functions of the fraction u by which the volume has grown since the gas was sealed, u = V/V₀ − 1.
+Functions of the fraction u by which the volume has grown since the gas was sealed, u = V/V₀ − 1. The ratio
+V/V₀ is given beside it: where u is near −1 it has digits that 1 + u has lost.
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ Number = Any
 class Expansion(Protocol):
     """How the absolute pressure falls as the volume grows by the fraction u from where it was sealed."""
 
-    def fall(self, u: Number) -> tuple[Number, Number]:
+    def fall(self, u: Number, ratio: Number) -> tuple[Number, Number]:
         """The fraction of the absolute pressure that is lost, and its derivative in u."""
         ...
 
-    def work(self, u: Number) -> Number:
+    def work(self, u: Number, ratio: Number) -> Number:
         """−∫ of the fraction of the pressure that is left, from 0 to u."""
         ...
 
@@ -41,11 +42,11 @@ class Expansion(Protocol):
 class Isotherm:
     """Pressure times volume stays."""
 
-    def fall(self, u: Number) -> tuple[Number, Number]:
-        return u / (1.0 + u), 1.0 / ((1.0 + u) * (1.0 + u))
+    def fall(self, u: Number, ratio: Number) -> tuple[Number, Number]:
+        return u / ratio, 1.0 / (ratio * ratio)
 
-    def work(self, u: Number) -> Number:
-        return -np.log1p(u)
+    def work(self, u: Number, ratio: Number) -> Number:
+        return -_logarithm(u, ratio)
 
     def energy(self, amount: FloatArray, absolute: FloatArray, volume: FloatArray) -> FloatArray:
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -61,18 +62,18 @@ class Adiabat:
 
     exponent: Number
 
-    def fall(self, u: Number) -> tuple[Number, Number]:
+    def fall(self, u: Number, ratio: Number) -> tuple[Number, Number]:
         if not isinstance(u, float):
-            left = -self.exponent * np.log1p(u)
-            return -np.expm1(left), self.exponent * np.exp(left) / (1.0 + u)
-        if not u > -1.0:
+            left = -self.exponent * _logarithm(u, ratio)
+            return -np.expm1(left), self.exponent * np.exp(left) / ratio
+        if not ratio > 0.0:
             return math.nan, math.nan
-        left = -self.exponent * math.log1p(u)
-        return -math.expm1(left), self.exponent * math.exp(left) / (1.0 + u)
+        left = -self.exponent * (math.log1p(u) if abs(u) < _SMALL else math.log(ratio))
+        return -math.expm1(left), self.exponent * math.exp(left) / ratio
 
-    def work(self, u: Number) -> Number:
+    def work(self, u: Number, ratio: Number) -> Number:
         g = self.exponent - 1.0
-        return np.expm1(-g * np.log1p(u)) / g
+        return np.expm1(-g * _logarithm(u, ratio)) / g
 
     def energy(self, amount: FloatArray, absolute: FloatArray, volume: FloatArray) -> FloatArray:
         return np.asarray(absolute * volume / (self.exponent - 1.0))
@@ -83,11 +84,18 @@ class Adiabat:
 
 
 ISOTHERM = Isotherm()
+_SMALL = 0.5  # growth below which its logarithm is that of 1 + u
+
+
+def _logarithm(u: Number, ratio: Number) -> Number:
+    """log V/V₀, with all digits of small growths and of small ratios."""
+    small = np.abs(u) < _SMALL
+    return np.where(small, np.log1p(np.where(small, u, 0.0)), np.log(np.where(small, 1.0, ratio)))[()]
 
 
 def work_against(
-    expansion: Expansion, pressure: Number, ambient: Number, volume: Number, u: Number
+    expansion: Expansion, pressure: Number, ambient: Number, volume: Number, u: Number, ratio: Number
 ) -> Number:
-    """−∫p dV from a volume, at an excess pressure, to (1 + u) times that: the large parts cancel on paper."""
-    work = expansion.work(u)
+    """−∫p dV from a volume, at an excess pressure, to 1 + u times that: the large parts cancel on paper."""
+    work = expansion.work(u, ratio)
     return volume * (pressure * work + ambient * (work + u))
