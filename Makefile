@@ -72,7 +72,7 @@ fuzz: $(INSTALLED)
 	$(BIN)/python -m tests.fuzz $(N) --seed $(SEED) --keep results/fuzz --report $(REPORT)
 
 fuzz-whole: $(INSTALLED)
-	$(BIN)/python -m tests.fuzz.whole $(N) --seed $(SEED) --keep results/fuzz-whole
+	$(BIN)/python -m tests.fuzz.whole $(N) --seed $(SEED) --keep results/fuzz-whole --report docs/fuzz-whole.json
 
 fuzz-lockstep: $(INSTALLED)
 	$(BIN)/python -m tests.fuzz.lockstep $(N) --seed $(SEED) --keep results/fuzz-lockstep

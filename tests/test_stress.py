@@ -19,6 +19,7 @@ from tests.studies.stress import FAILS, Case, Finding, Row, cases, examine
 from tests.studies.stress.__main__ import main
 from tests.studies.stress.case import counted
 from tests.studies.stress.cost import shares
+from tests.studies.stress.fuzz import fuzz_sections
 from tests.studies.stress.page import Effort, stability_page
 from tests.studies.stress.sabotage import Disturbance, Tally, difference, disturbances, random_pairs, tallies
 from tests.studies.stress.voltages import coincidence
@@ -238,6 +239,11 @@ def test_the_committed_page_has_every_case_with_its_outcome(committed: str) -> N
         assert disturbance.name in lines
 
 
+def test_the_page_has_the_counts_of_the_result_files_beside_it() -> None:
+    page = Path("docs/stability.md").read_text(encoding="utf-8")
+    assert page.endswith(fuzz_sections(Path("docs/fuzz.json")))
+
+
 def test_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     some = {"Some": [CASES["P₀ = 0"], CASES["P₀ at the snap, radius 1"]]}
     monkeypatch.setattr("tests.studies.stress.page.groups", lambda *_: some)
@@ -256,7 +262,18 @@ def test_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         "worst": {"sample": 2.5e-9, "lost_state": [1e-7, 12]},
     }
     (tmp_path / "fuzz.json").write_text(json.dumps(result))
+    kinds = ("scenarios", "agreed", "undecided", "solver_error", "disagreement", "crash", "hang", "events")
+    whole = {**dict.fromkeys(kinds, 3), "worst": {"step_end": 1.5e-7}}
+    (tmp_path / "fuzz-whole.json").write_text(json.dumps({"1": whole, "2": {**whole, "agreed": 2}}))
+    twins = {"scenarios": 7, "pairs": {"negated, quasi-static": 5}, "wrong": {}}
+    (tmp_path / "fuzz-twins.json").write_text(json.dumps({"1": twins, "2": twins}))
+    verbs = {"scenarios": 7, "verbs": {"traced returned": 6}, "problems": 1}
+    (tmp_path / "fuzz-verbs.json").write_text(json.dumps({"1": verbs}))
     page = stability_page(tmp_path, tmp_path / "fuzz.json")
+    for line in ("| agreed | 3 | 2 |", "| worst: step end | 1.5e-07 | 1.5e-07 |"):
+        assert line in page
+    assert "| negated, quasi-static | 10 |\n\n14 scenarios, 0 wrong." in page
+    assert "| traced returned | 6 |\n\n7 scenarios, 1 wrong." in page
     assert "| n | 10000 |" in page
     assert "| worst: sample | 2.5e-09 |" in page
     assert "| worst: lost state | 1.0e-07, 12 |" in page

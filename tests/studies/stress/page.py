@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import platform
@@ -10,12 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 from simulator.scenario import Problem, Scenario, ScenarioError, load_scenario
 from tests.studies.stress import groups
 from tests.studies.stress.case import Row, examine
 from tests.studies.stress.cost import shares
+from tests.studies.stress.fuzz import fuzz_sections
 from tests.studies.stress.sabotage import Tally, disturbances, random_pairs, tallies
 
 
@@ -84,13 +83,6 @@ That of the landings includes Newton's method, which finds them.
 
 """
 
-_FUZZ = """\
-## Fuzz
-
-Random sealed pairs, each history compared with the closed form in every event and sample.
-
-"""
-
 
 def stability_page(scenarios: Path, fuzz: Path, effort: Effort = FULL) -> str:
     """The page, from the paper's scenario files.
@@ -100,7 +92,7 @@ def stability_page(scenarios: Path, fuzz: Path, effort: Effort = FULL) -> str:
     scenarios : Path
         Folder of the paper's scenario files.
     fuzz : Path
-        Result file of the fuzz; need not exist.
+        Result file of the fuzz of pairs; need not exist, as those of the others beside it.
     effort : Effort
         How much is computed.
 
@@ -128,8 +120,7 @@ def stability_page(scenarios: Path, fuzz: Path, effort: Effort = FULL) -> str:
             _disturbed(disturbed),
             _COST,
             _shares(shares(shipped)),
-            _FUZZ,
-            _fuzz(fuzz),
+            fuzz_sections(fuzz),
         ]
     )
 
@@ -233,27 +224,3 @@ def _shares(found: dict[str, float]) -> str:
     lines += [f"| {name} | {100.0 * share:.1f} % |" for name, share in found.items()]
     lines.append(f"| all | {100.0 * sum(found.values()):.1f} % |")
     return "\n".join(lines) + "\n\n"
-
-
-def _fuzz(file: Path) -> str:
-    """The table of a fuzz's result file, or how to come by it."""
-    if not file.exists():
-        return f"No `{file.name}` beside this page yet: `make fuzz` produces it, `make stress` reads it.\n"
-    result: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-    lines = ["| | |", "|---|---|"]
-    for key, value in result.items():
-        if isinstance(value, dict):
-            lines += [f"| {_words(key)}: {_words(name)} | {_number(part)} |" for name, part in value.items()]
-        else:
-            lines.append(f"| {_words(key)} | {_number(value)} |")
-    return f"Written by `make fuzz` to `{file.name}`.\n\n" + "\n".join(lines) + "\n"
-
-
-def _words(key: str) -> str:
-    return key.replace("_", " ")
-
-
-def _number(value: object) -> str:
-    if isinstance(value, list):
-        return ", ".join(map(_number, value))
-    return f"{value:.1e}" if isinstance(value, float) else str(value)
