@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from simulator.analysis.sensitivity import all_sensitivities, sensitivities
     from simulator.analysis.trace import trace, trace_all, trace_inflation
     from simulator.events import EventKind, Outcome
+    from simulator.hysteresis.loops import loops
     from simulator.hysteresis.memory import MemoryLost, return_point_memory
     from simulator.hysteresis.states import states
     from simulator.hysteresis.unloading import unload, unload_map
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from simulator.results.extras import MissingExtra
     from simulator.results.files import OutputError
     from simulator.results.history import EnergyBalance, Event, History, SolverStatistics, Stop, Verdict
+    from simulator.results.loops import Loop, Threshold
     from simulator.results.sensitivity import Sensitivity
     from simulator.results.states import State, StateGraph, Transition
     from simulator.results.unloading import UnloadedPath, Unloading, UnloadingMap
@@ -61,6 +63,7 @@ __all__ = [
     "ExecutorError",
     "FoldCurve",
     "History",
+    "Loop",
     "ManyRuns",
     "MemoryLost",
     "MissingExtra",
@@ -80,6 +83,7 @@ __all__ = [
     "Stop",
     "Sweep",
     "SweepResult",
+    "Threshold",
     "Transition",
     "UnloadedPath",
     "Unloading",
@@ -91,6 +95,7 @@ __all__ = [
     "load_scenario",
     "load_sweep",
     "load_table",
+    "loops",
     "optimize",
     "read_question",
     "read_sweep",
@@ -112,10 +117,12 @@ _NAMES = {
     "analysis.sensitivity": ("all_sensitivities", "sensitivities"),
     "analysis.trace": ("trace", "trace_all", "trace_inflation"),
     "events": ("EventKind", "Outcome"),
+    "hysteresis.loops": ("loops",),
     "hysteresis.memory": ("MemoryLost", "return_point_memory"),
     "hysteresis.states": ("states",),
     "hysteresis.unloading": ("unload", "unload_map"),
     "results.curve": ("Curve", "FoldCurve", "SpecialPoint"),
+    "results.loops": ("Loop", "Threshold"),
     "results.extras": ("MissingExtra",),
     "results.files": ("OutputError",),
     "results.history": ("EnergyBalance", "Event", "History", "SolverStatistics", "Stop", "Verdict"),

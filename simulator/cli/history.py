@@ -52,6 +52,7 @@ def run(
         check_writable(directory, (*RUN_FILES, *([picture] if picture else []), *more))
         history = _played(loaded, directory, picture, quiet=quiet)
         paths += write_run(history, directory)
+        paths += _write_loops(history, directory)
         removed = remove_old(directory, _old(paths))
         if sensitivities:
             paths += _write_sensitivities(history, directory)
@@ -74,12 +75,24 @@ def _panels(names: str | None) -> tuple[str, ...] | None:
     return found
 
 
+def _write_loops(history: History, directory: Path) -> list[Path]:
+    """Write the loops of a history, if it has any."""
+    if not history.electroded:
+        return []
+    from simulator.hysteresis.loops import loops
+    from simulator.results.loops import write_loops
+
+    found = loops(history)
+    return write_loops(history, found, directory) if found else []
+
+
 def _old(written: list[Path]) -> list[str]:
     """What an earlier run may have left where a history has been written."""
+    from simulator.results.loops import LOOPS_FILE
     from simulator.results.tables import SENSITIVITIES_FILE
 
     there = {path.name for path in written}
-    return [name for name in (SENSITIVITIES_FILE, *any_format(PICTURE)) if name not in there]
+    return [name for name in (SENSITIVITIES_FILE, LOOPS_FILE, *any_format(PICTURE)) if name not in there]
 
 
 def _played(scenario: Scenario, directory: Path, picture: str | None, *, quiet: bool) -> History:

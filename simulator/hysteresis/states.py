@@ -15,6 +15,7 @@ from simulator.analysis.start import rests
 from simulator.events import EventKind
 from simulator.hysteresis.landscape import DOWN, UP, Departure, Landscape, Stay
 from simulator.hysteresis.setting import Setting, setting
+from simulator.results.loops import snapping
 from simulator.results.states import Direction, State, StateGraph, Transition
 from simulator.scenario import Problem, ScenarioError, dimensionless, load_scenario
 from simulator.simulation.atlas import Atlas
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 _SHOWN = 65  # points of a state
-_FACTOR = 1e-6  # factors by which two stretches change that are one
 
 
 def states(
@@ -222,19 +222,10 @@ def _transition(landscape: Landscape, stay: Stay, departure: Departure, directio
         ending=departure.ending,
         drive=departure.v,
         voltage=begin.line.at(departure.v),
-        balloons=_snapping(begin.device.names, stretch[0], landed[0]) if goes_on else (),
+        balloons=snapping(begin.device.names, stretch[0], landed[0]) if goes_on else (),
         stretch_before=stretch[0],
         stretch_after=landed[0] if goes_on else None,
         pressure_before=float(pressure[0]),
         pressure_after=float(pressed[0]) if goes_on else None,
         dissipated=lost if goes_on else None,
     )
-
-
-def _snapping(names: tuple[str, ...], before: FloatArray, after: FloatArray) -> tuple[str, ...]:
-    """The balloons whose stretches change by the largest factor."""
-    factors = np.abs(np.log(after / before))
-    largest = float(factors.max())
-    if largest < _FACTOR:
-        return ()
-    return tuple(name for name, factor in zip(names, factors, strict=True) if factor > largest - _FACTOR)

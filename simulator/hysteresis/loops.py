@@ -1,0 +1,157 @@
+"""The loops of a history: each excursion of a voltage that rises from a turning point and comes back.
+
+Their ends and peaks are ends of steps (ramps, jumps, holds), where there always is a sample. What turns
+inside a step, as waves and recordings do, begins no loop here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import zip_longest
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.events import EventKind, Outcome
+from simulator.model.device import Device
+from simulator.results.loops import Loop, Threshold, snapping
+from simulator.scenario import Charge, Hold, Inflate, Jump, Ramp
+
+if TYPE_CHECKING:
+    from simulator.results.history import Event, History
+
+FloatArray = NDArray[np.float64]
+
+_SAME = 1e-8  # stretches, relatively, of states that are one
+_OFF = 1e-12  # of the peak: a voltage that is off
+_SNAPS = (EventKind.LIMIT_POINT, EventKind.BRANCH_POINT)
+
+
+def loops(history: History) -> tuple[Loop, ...]:
+    """The loops of a history: each excursion of a voltage that rises from a turning point and comes back.
+
+    Turning points are ends of steps: of ramps, jumps and holds. Waves and recordings, which turn inside their
+    step, have none here.
+
+    Parameters
+    ----------
+    history : History
+
+    Returns
+    -------
+    tuple of Loop
+        In order of time; where several actuators are driven, each has its own.
+
+    Examples
+    --------
+    >>> from simulator import simulate
+    >>> (loop,) = loops(simulate("scenarios/fig5c_state_a.toml"))
+    >>> loop.peak, round(loop.width, 6), round(loop.area, 6), loop.closed
+    (0.6, 0.232868, 40.783907, True)
+    """
+    device = Device.from_scenario(history.scenario)
+    found = [
+        _loop(device, history, place, turns, is_open=is_open)
+        for nodes, is_open in _monotone(history)
+        for place in range(len(history.electroded))
+        for turns in _excursions(np.abs(history.voltage[nodes, place]), nodes)
+    ]
+    return tuple(sorted(found, key=lambda loop: loop.start))
+
+
+def _stored(device: Device, history: History, rows: Sequence[int], *, is_open: bool) -> FloatArray:
+    """Π + Σφq in some samples, the valve taken as it stands in the loop: (n_rows,)."""
+    at = list(rows)
+    stretch, pressure, voltage = history.stretch[at], history.pressure[at], history.voltage[at]
+    energy = device.energy(stretch, pressure, voltage, history.gas[at], np.full(len(at), is_open))
+    return np.asarray(energy + np.sum(voltage * device.charge(stretch, voltage), axis=1))
+
+
+def _monotone(history: History) -> Iterator[tuple[list[int], bool]]:
+    """Samples at ends of steps that follow one another, and whether the valve is open in them.
+
+    Between two of them each voltage is monotone.
+    Whatever moves the balloons otherwise divides them.
+    """
+    nodes: list[int] = []
+    valve = "closed"
+    for number, step in enumerate(history.scenario.played_steps(), start=1):
+        rows = np.flatnonzero(history.step == number)
+        if not rows.size:
+            break
+        last = int(rows[-1])
+        if isinstance(step, Inflate):
+            yield nodes, valve == "open"
+            nodes = [last]
+            continue
+        turned = nodes and np.any(history.voltage[nodes[-1]] * history.voltage[last] < 0.0)
+        known = isinstance(step, Ramp | Jump | Hold)
+        # The state that a step begins in is that in which the one before has ended.
+        if not known or turned or step.valve != valve:
+            yield nodes, valve == "open"
+            nodes = nodes[-1:] if known and not turned else []
+        valve = step.valve
+        if known or not isinstance(step, Charge):
+            nodes.append(last)
+    yield nodes, valve == "open"
+
+
+def _excursions(sizes: FloatArray, nodes: list[int]) -> Iterator[tuple[int, int, int]]:
+    """The samples where a voltage of these sizes turns, is at its peak, and turns again."""
+    moves = [k for k in range(1, len(nodes)) if sizes[k] != sizes[k - 1]]
+    corners = [0] if nodes else []
+    for k, following in zip_longest(moves, moves[1:]):
+        if following is None or (sizes[k] > sizes[k - 1]) != (sizes[following] > sizes[following - 1]):
+            corners.append(k)
+    for a, b, c in zip(corners, corners[1:], corners[2:], strict=False):
+        if sizes[b] > sizes[a]:
+            yield nodes[a], nodes[b], nodes[c]
+
+
+def _loop(
+    device: Device, history: History, place: int, turns: tuple[int, int, int], *, is_open: bool
+) -> Loop:
+    a, b, c = turns
+    step = history.step
+    up = [event for event in history.mechanical if step[a] < event.step <= step[b]]
+    down = [event for event in history.mechanical if step[b] < event.step <= step[c]]
+    lost = sum(event.dissipated or 0.0 for event in (*up, *down))
+    sizes = np.abs(history.voltage[[a, b, c], place])
+    off = _OFF * float(sizes[1])
+    stored = _stored(device, history, [a, c], is_open=is_open)
+    slow = history.scenario.dynamics is None
+    closed = None
+    if slow and np.all(np.abs(history.voltage[c] - history.voltage[a]) <= off):
+        closed = bool(np.all(np.abs(history.stretch[c] / history.stretch[a] - 1.0) <= _SAME))
+    last = c == len(history) - 1 and history.outcome is not Outcome.COMPLETED
+    remains = bool(np.all(np.abs(history.voltage[c]) <= off)) and not last
+    return Loop(
+        balloon=history.electroded[place],
+        start=float(history.time[a]),
+        end=float(history.time[c]),
+        low=float(sizes[0]),
+        peak=float(sizes[1]),
+        back=float(sizes[2]),
+        up=_thresholds(history, place, up),
+        down=_thresholds(history, place, down),
+        stretch=history.stretch[c] if remains else np.full(len(history.balloons), np.nan),
+        pressure=float(history.pressure[c]) if remains else float("nan"),
+        # Between snaps the sources deliver what is stored.
+        area=float(stored[1] - stored[0] + lost) if slow and not last else float("nan"),
+        dissipated=float(lost),
+        closed=None if last else closed,
+        ended=history.outcome.value if last else "",
+    )
+
+
+def _thresholds(history: History, place: int, events: list[Event]) -> tuple[Threshold, ...]:
+    return tuple(
+        Threshold(
+            abs(float(event.voltage[place])),
+            snapping(history.balloons, event.stretch_before, event.stretch_after),
+            event.dissipated or 0.0,
+        )
+        for event in events
+        if event.kind in _SNAPS and event.stretch_after is not None
+    )
