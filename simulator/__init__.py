@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from simulator.results.unloading import UnloadedPath, Unloading, UnloadingMap
     from simulator.scenario import Scenario, ScenarioError, load_scenario
     from simulator.simulation.explanation import explain
+    from simulator.simulation.replay import Replay
     from simulator.simulation.run import SolverError, simulate
     from simulator.solver.follow import PathError
     from simulator.sweep import (
@@ -72,6 +73,7 @@ __all__ = [
     "OutputError",
     "PathError",
     "Question",
+    "Replay",
     "Scenario",
     "ScenarioError",
     "Sensitivity",
@@ -131,6 +133,7 @@ _NAMES = {
     "results.sensitivity": ("Sensitivity",),
     "scenario": ("Scenario", "ScenarioError", "load_scenario"),
     "simulation.explanation": ("explain",),
+    "simulation.replay": ("Replay",),
     "simulation.run": ("SolverError", "simulate"),
     "solver.follow": ("PathError",),
     "sweep": (

@@ -107,7 +107,7 @@ class Atlas:
     rtol: float
     effort: Effort = field(default_factory=Effort)
     branches: dict[Alike, list[Branch]] = field(default_factory=dict)
-    exits: dict[tuple[int, float], Exit] = field(default_factory=dict)
+    exits: dict[tuple[Branch, float], Exit] = field(default_factory=dict)
 
     def branch_at(self, group: Group, state: FloatArray) -> Branch:
         """The branch through a stable state: a known one if it is on one."""
@@ -170,7 +170,7 @@ class Atlas:
 
     def leave(self, group: Group, branch: Branch, end: BranchEnd, direction: float) -> Exit:
         """How the end of a branch is left, found once."""
-        key = (id(branch), direction)
+        key = (branch, direction)
         if key not in self.exits:
             self.exits[key] = self._way_out(group, end, direction)
         return self.exits[key]

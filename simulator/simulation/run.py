@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from itertools import islice
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -26,6 +27,7 @@ from simulator.simulation.recorder import Recorder
 
 if TYPE_CHECKING:
     from simulator.scenario import PlayedStep, Scenario, ScenarioLike
+    from simulator.simulation.replay import Replay
     from simulator.simulation.until import Watch
     from simulator.solver.ida import Effort
 
@@ -73,6 +75,7 @@ def simulate(
     scenario: ScenarioLike,
     *,
     progress: Callable[[float], None] | None = None,
+    replay: Replay | None = None,
 ) -> History:
     """Play a scenario's steps and return what happened.
 
@@ -82,6 +85,8 @@ def simulate(
         From `load_scenario`, or what that takes.
     progress : callable, optional
         Called with the fraction of steps done, after each.
+    replay : Replay, optional
+        Steps that the last run with it began with are not played again.
 
     Returns
     -------
@@ -102,9 +107,13 @@ def simulate(
     ['limit_point', 'limit_point', 'jump']
     """
     scenario = load_scenario(scenario)
-    run = Run(scenario)
+    known, begun = replay.begin(scenario) if replay else (None, 0)
+    run = known or Run(scenario)
+    run.started = time.perf_counter()
     total = sum(1 for _ in scenario.played_steps()) if progress else 0
-    for number, step in enumerate(scenario.played_steps(), start=1):
+    for number, step in islice(enumerate(scenario.played_steps(), start=1), begun, None):
+        if run.record.ended:
+            break
         try:
             run.play(number, step)
         except (ArithmeticError, np.linalg.LinAlgError) as failure:
@@ -115,10 +124,10 @@ def simulate(
                 "the history up to there is kept; a small change of the scenario may help",
                 run.history(Outcome.FAILED),
             ) from failure
+        if replay:
+            replay.keep(run, step)
         if progress:
             progress(number / total)
-        if run.record.ended:
-            break
     return run.history(run.record.outcome)
 
 

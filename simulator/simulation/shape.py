@@ -74,7 +74,7 @@ class ShapeWatch:
     """What is known of the balloons' shapes in a run: which are spheres now, and where branches lose it."""
 
     lost: set[tuple[int, str]] = field(default_factory=set)
-    _crossings: dict[tuple[int, int, int, str], list[_Crossing]] = field(default_factory=dict)
+    _crossings: dict[tuple[Branch, int, int, str], list[_Crossing]] = field(default_factory=dict)
     _conditions: dict[AnyEquations, tuple[ShapeCondition, ...]] = field(default_factory=dict)
 
     def conditions(self, group: Group) -> tuple[ShapeCondition, ...]:
@@ -122,7 +122,7 @@ class ShapeWatch:
 
     def _on_branch(self, branch: Branch, one: ShapeCondition) -> list[_Crossing]:
         """Where a margin vanishes on what is known of a branch, in order of rising v."""
-        key = (id(branch), branch.states.shape[1], one.place, one.mode)
+        key = (branch, branch.states.shape[1], one.place, one.mode)
         if key not in self._crossings:
             known = branch.states.shape[1] > 1
             self._crossings[key] = _crossings(branch, one.condition) if known else []

@@ -50,9 +50,11 @@ class BranchEnd:
     state: FloatArray
 
 
-@dataclass
+@dataclass(eq=False)
 class Branch:
     """A stable stretch of equilibrium path, known from `states[-1, 0]` to `states[-1, -1]` so far.
+
+    One that is followed further stays the same: branches are compared, and hashed, by identity.
 
     Attributes
     ----------
