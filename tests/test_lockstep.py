@@ -212,11 +212,25 @@ def test_a_disagreement_is_an_error_that_names_the_run(monkeypatch):
     sweep = read_sweep(sampled(PAIR, {"gas.ambient_pressure": (0.02, 1.0)}))
     names = list(columns(sweep.job))
 
-    def wrong(job, index, values):
+    def wrong(job, index, values, expected):
         return {**play(job, index, values), "limit_points": 7}
 
     with pytest.raises(DisagreementError, match=r"run 12: limit_points is \d in lockstep and 7"):
         chunk.rows(sweep.job, 10, sweep.values(0, 40), (1,), names, wrong)
+
+
+def test_what_is_expected_of_a_ramp_past_its_limit_point_is_checked():
+    sweep = read_sweep(ROOT / "scenarios/sweeps/paper_map.toml")
+    key = sweep.job.past.key
+    for run, limit_points in ((10_050, 2), (9_999, 0)):
+        values = sweep.values(run, run + 1)[0]
+        alone = play(sweep.job, run, values)
+        assert alone["limit_points"] == limit_points
+        right = alone[key]
+        for expected in (right, right * 1.0000001, right * 0.9, 0.75):
+            again = play(sweep.job, run, values, expected)
+            assert again[key] == pytest.approx(right, rel=1e-14)
+            chunk.compare(run + 1, again, alone)
 
 
 def test_simulate_many():

@@ -32,7 +32,7 @@ def rows(
     values: Sequence[Sequence[Value]],
     audited: Sequence[int],
     names: Sequence[str],
-    play: Callable[[Job, int, Sequence[Value]], Row],
+    play: Callable[..., Row],
 ) -> list[Sequence[object]]:
     """The rows of runs `start` …, cells in the order of `names`.
 
@@ -48,7 +48,7 @@ def rows(
     names : sequence of str
         Of the columns.
     play : callable
-        Plays one run by itself.
+        Plays one run by itself; see `rows.play`.
 
     Raises
     ------
@@ -63,9 +63,9 @@ def rows(
     for place in audited:
         row = found[place]
         if row is not None:
-            compare(
-                start + place + 1, dict(zip(names, row, strict=True)), play(job, start + place, values[place])
-            )
+            together = dict(zip(names, row, strict=True))
+            expected = together.get(job.past.key) if job.past else None
+            compare(start + place + 1, together, play(job, start + place, values[place], expected))
     out: list[Sequence[object]] = []
     for place, row in enumerate(found):
         if row is None:
