@@ -29,8 +29,8 @@ class Replay:
     >>> scenario, replay = load_scenario("scenarios/fig3c_state_b.toml"), Replay()
     >>> for voltage in (0.3, 0.35, 0.4):  # inflated once
     ...     history = simulate(scenario.with_values({"step.2.ramp": voltage}), replay=replay)
-    >>> replay.known(scenario)
-    2
+    >>> replay.known(scenario.with_values({"step.2.ramp": 0.2}))
+    1
     """
 
     def __init__(self, most: int = _MOST_STEPS) -> None:
