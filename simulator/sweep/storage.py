@@ -40,7 +40,7 @@ WAYS = (LOCKSTEP, ALONE)
 _CHUNKS_IN_ALL = 200  # that a sweep is cut into, or more
 _FEW_ROWS = 4  # of a chunk of a small sweep
 _MOST_ROWS = 1000  # of a chunk of a large one
-_MOST_TOGETHER = 5000  # of a chunk that is played in lockstep
+_MOST_TOGETHER = 20_000  # of a chunk that is played in lockstep: the larger, the less each run costs
 _GROUP = 1 << 23  # bytes of text that make a row group of the Parquet file
 
 
@@ -138,8 +138,8 @@ def fair_chunk(size: int, workers: int) -> int:
 
 
 def large_chunk(size: int, workers: int) -> int:
-    """Runs of a chunk that is played in lockstep: many, but two chunks for each worker."""
-    return max(1, min(_MOST_TOGETHER, -(-size // (2 * workers))))
+    """Runs of a chunk that is played in lockstep: as many as leave no worker without one."""
+    return max(1, min(_MOST_TOGETHER, -(-size // workers)))
 
 
 def open_store(sweep: Sweep, directory: Path, *, resume: bool, chunk: int) -> Store:
