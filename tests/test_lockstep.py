@@ -37,7 +37,14 @@ def both_ways(definition, least):
     sweep = read_sweep(definition)
     job, values = sweep.job, sweep.values(0, sweep.size)
     names = list(columns(job))
-    together = chunk.rows(job, 0, values, (), names, lambda job, index, values: {})
+    together = chunk.rows(
+        job,
+        0,
+        values,
+        (),
+        names,
+        lambda job, index, values: {a.key: v for a, v in zip(job.axes, values, strict=True)},
+    )
     way = names.index("way")
     certain = [k for k, row in enumerate(together) if row[way] == chunk.LOCKSTEP]
     assert len(certain) >= least * len(values)
