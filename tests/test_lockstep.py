@@ -226,6 +226,27 @@ def test_a_disagreement_is_an_error_that_names_the_run(monkeypatch):
         chunk.rows(sweep.job, 10, sweep.values(0, 40), (1,), names, wrong)
 
 
+@pytest.mark.parametrize(("size", "audited"), [(12, 12), (700, 20), (5_000, 50), (100_000, 200)])
+def test_one_run_in_a_hundred_is_played_both_ways(size, audited):
+    sweep = read_sweep(sampled(PAIR, {"gas.ambient_pressure": (0.02, 1.0)}, size=size))
+    assert len(set(sweep.audited)) == audited
+    assert 0 <= min(sweep.audited) <= max(sweep.audited) < size
+
+
+def test_of_a_chunk_in_lockstep_only_the_audited_runs_are_played_by_themselves():
+    sweep = read_sweep(sampled(PAIR, {"gas.ambient_pressure": (0.02, 1.0)}))
+    alone = []
+
+    def noted(job, index, values, *expected):
+        alone.append(index)
+        return play(job, index, values, *expected)
+
+    rows = chunk.rows(sweep.job, 10, sweep.values(0, 40), (3, 17), list(columns(sweep.job)), noted)
+    way = list(columns(sweep.job)).index("way")
+    handed_back = [10 + k for k, row in enumerate(rows) if row[way] == chunk.ALONE]
+    assert sorted(alone) == sorted([13, 27, *handed_back])
+
+
 def test_what_is_expected_of_a_ramp_past_its_limit_point_is_checked():
     sweep = read_sweep(ROOT / "scenarios/sweeps/paper_map.toml")
     key = sweep.job.past.key
