@@ -26,11 +26,13 @@ from simulator.simulation.atlas import Exit, Response
 from simulator.simulation.parts import parts_of
 from simulator.solver import newton
 from simulator.solver.branch import Branch
+from simulator.solver.flow import Rest
 
 FloatArray = NDArray[np.float64]
 
 _BETWEEN = 3  # states between two points of a branch at which a margin is looked at first
 _CLOSER = 33  # and in a dip
+_WITHIN = 129  # stretches between the smallest and the largest of a flow
 _MOST_HALVINGS = 50
 _SAME = 1e-9  # of the voltage, or whatever moves, over its natural size: crossings that are one
 
@@ -131,7 +133,9 @@ class ShapeWatch:
     def in_exit(self, group: Group, exit: Exit) -> Iterator[ShapeChange]:
         """What a flow changes: shapes that are lost or regained on its way.
 
-        Where in between that is depends on the flow, which is followed only as well as its end needs it.
+        Where in between that is depends on the flow, which is followed only as well as its end needs it. That
+        it happens does not: at a given drive a margin is a function of one stretch, which passes all values
+        between those it has.
         """
         if exit.rest is None or exit.runs_away:
             return
@@ -139,11 +143,9 @@ class ShapeWatch:
             balloon, margin = group.members[one.place], one.condition.margin
             gone = (balloon, one.mode) in self.lost
             ends_lost = float(margin(exit.rest.state.tolist())) < 0.0
-            if exit.rest.path.size and not gone and not ends_lost:
-                below = np.flatnonzero(np.asarray(margin(exit.rest.path), dtype=np.float64) < 0.0)
-                if below.size:
-                    yield ShapeChange(EventKind.LOSS_OF_SPHERICITY, balloon, one.mode)
-                    gone = True
+            if not gone and not ends_lost and _vanishes_between(one, exit.start, exit.rest):
+                yield ShapeChange(EventKind.LOSS_OF_SPHERICITY, balloon, one.mode)
+                gone = True
             if gone != ends_lost:
                 kind = EventKind.LOSS_OF_SPHERICITY if ends_lost else EventKind.SPHERICITY_REGAINED
                 yield ShapeChange(kind, balloon, one.mode)
@@ -201,6 +203,16 @@ class ShapeWatch:
             return False
         self.lost.symmetric_difference_update({key})
         return True
+
+
+def _vanishes_between(one: ShapeCondition, start: FloatArray, rest: Rest) -> bool:
+    """Whether a margin falls below zero at any of the stretches that a flow passes."""
+    seen = np.append(
+        rest.path[one.place] if rest.path.size else (), (start[one.place], rest.state[one.place])
+    )
+    states = np.repeat(rest.state[:, None], _WITHIN, axis=1)
+    states[one.place] = np.linspace(seen.min(), seen.max(), _WITHIN)
+    return bool(np.min(one.condition.margin(states)) < 0.0)
 
 
 def _crossings(branch: Branch, condition: Condition) -> list[_Crossing]:
