@@ -291,6 +291,18 @@ def test_in_real_time_a_jump_of_the_voltage_is_judged_at_once() -> None:
     ]
 
 
+def test_a_sphere_may_be_lost_and_regained_at_one_instant() -> None:
+    """The rows of its events are told by their order: before and after the voltage is the same."""
+    written = pair(
+        1.2, {"jump": 1.0}, {"jump": 0.0}, {"hold": 1}, dynamics={"relaxation_time": 0.1}
+    ).to_dict()
+    history = simulate(load_scenario(written | {"output": {"points": 301}}))
+    assert [event.kind for event in shapes(history)] == [LOST, REGAINED]
+    assert len({event.time for event in shapes(history)}) == 1
+    assert np.array_equal(lost_rows(history), history.sphericity.min(axis=1) < 0.0)
+    assert problems_of(history) == []
+
+
 def ends(**until: object) -> dict[str, object]:
     return {"until": {"event": "loss_of_sphericity", **until}}
 

@@ -127,9 +127,13 @@ def _in_flow(event: Event) -> bool:
     return event.stretch_after is not None and not np.array_equal(event.stretch_before, event.stretch_after)
 
 
-def row_of(history: History, event: Event) -> int:
-    """The sample from which on what an event of shape says holds: that of its side after."""
+def row_of(history: History, event: Event, since: int = 0) -> int:
+    """The sample from which on what an event of shape says holds: that of its side after.
+
+    It is none before `since`: a voltage may jump up and back at one instant.
+    """
     rows = np.flatnonzero(history.time == event.time)
+    rows = rows[rows >= since] if rows[-1] >= since else rows[-1:]
     # Several events may share an instant; the state after this one is told by stretches and voltages.
     there = (history.stretch[rows] == event.stretch_after).all(axis=1)
     there &= (history.voltage[rows] == event.voltage).all(axis=1)
@@ -142,10 +146,11 @@ def lost_rows(history: History) -> NDArray[np.bool_]:
     A sample that is spherical again counts as one of spheres.
     """
     changes = np.zeros(len(history) + 1, dtype=np.int64)
+    row = 0
     for event in history.events:
         if event.kind in SHAPE_EVENTS:
-            sign = 1 if event.kind is EventKind.LOSS_OF_SPHERICITY else -1
-            changes[row_of(history, event)] += sign
+            row = row_of(history, event, row)
+            changes[row] += 1 if event.kind is EventKind.LOSS_OF_SPHERICITY else -1
     return np.asarray(np.cumsum(changes)[:-1] > 0)
 
 

@@ -125,8 +125,10 @@ def _at_a_start(history: History, event: Event) -> bool:
 def _told(history: History, events: list[Event]) -> NDArray[np.bool_]:
     """Which samples are after a loss and before its end, by the events."""
     changes = np.zeros(len(history) + 1, dtype=np.int64)
+    row = 0
     for event in events:
-        rows = np.flatnonzero(history.time == event.time)
+        # A voltage may jump up and back at one instant.
+        rows = np.flatnonzero((history.time == event.time) & (np.arange(len(history)) >= row))
         apart = np.abs(history.stretch[rows] - np.asarray(event.stretch_after, dtype=np.float64)).max(axis=1)
         apart += np.abs(history.voltage[rows] - event.voltage).max(axis=1, initial=0.0)
         # Several events may share an instant: the first of its rows that is the state after this one.
