@@ -51,7 +51,7 @@ def largest(
     first, last = slopes[[0, -1]][:, some]
     last_place = len(GRID) - 1
     inner = np.where(top == 0, first > 0.0, np.where(top == last_place, last < 0.0, True))
-    inner &= seen.max(axis=0) > so_far[some] * (1.0 - _NEAR)
+    inner &= seen.max(axis=0) > so_far[some] - _NEAR * np.abs(so_far[some])
     some, top = some[inner], top[inner]
     if not some.size:
         return out

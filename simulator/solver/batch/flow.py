@@ -45,11 +45,22 @@ _GAMMA = 1.0 - 0.5 * 2.0**0.5
 
 @dataclass
 class Rests:
-    """Where the flows of n runs ended: states (n_unknowns, n), and how; see `GAVE_UP`."""
+    """Where the flows of n runs ended: states (n_unknowns, n), and how; see `GAVE_UP`.
+
+    `low` and `high` (n_balloons, n) are the smallest and largest stretches on the way, loosely.
+    """
 
     states: FloatArray
     end: NDArray[np.int64]
     largest: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+    @classmethod
+    def given_up(cls, origin: FloatArray, count: int) -> Rests:
+        """Flows from states that lead nowhere yet, of so many balloons."""
+        x = origin[:count]
+        return cls(origin.copy(), np.full(origin.shape[1], GAVE_UP), x.copy(), x.copy(), x.copy())
 
 
 @dataclass
@@ -97,7 +108,7 @@ def snap(batch: Stacked, fold: FloatArray, ahead: FloatArray) -> Rests:
         How the stretches change along the path there.
     """
     escape = ahead / np.sqrt((ahead * ahead).sum(axis=0))
-    out = Rests(fold.copy(), np.full(fold.shape[1], GAVE_UP), fold[: batch.count].copy())
+    out = Rests.given_up(fold, batch.count)
     left = np.arange(fold.shape[1] if _is_covered(batch) else 0)
     for off in (_FAR_OFF, _OFF):
         if not left.size:
@@ -109,6 +120,7 @@ def snap(batch: Stacked, fold: FloatArray, ahead: FloatArray) -> Rests:
             lost = np.asarray(energy(list(point))) - np.asarray(energy(list(found.states)))
         found.end[~(lost >= 0.0)] = GAVE_UP
         out.states[:, left], out.end[left], out.largest[:, left] = found.states, found.end, found.largest
+        out.low[:, left], out.high[:, left] = found.low, found.high
         left = left[found.end == GAVE_UP]
     return out
 
@@ -116,7 +128,7 @@ def snap(batch: Stacked, fold: FloatArray, ahead: FloatArray) -> Rests:
 def relax(batch: Stacked, start: FloatArray) -> Rests:
     """Where states (n_unknowns, n) that are no equilibria go."""
     if not _is_covered(batch):
-        return Rests(start.copy(), np.full(start.shape[1], GAVE_UP), start[: batch.count].copy())
+        return Rests.given_up(start, batch.count)
     with np.errstate(all="ignore"):
         found = _flow(batch, start, start[: batch.count], None, 0.0)
         margins = margins_at(batch, start)
@@ -138,7 +150,7 @@ def _flow(batch: Stacked, origin: FloatArray, x: FloatArray, escape: FloatArray 
     `escape` is the direction in which it must lead on, `off` how far along it x is from `origin`.
     """
     count, runs = batch.count, origin.shape[1]
-    out = Rests(origin.copy(), np.full(runs, GAVE_UP), origin[:count].copy())
+    out = Rests.given_up(origin, count)
     v = origin[-1]
     y = full_state(batch, x, v)
     flow = Jacobian(batch, y, batch.parts(y))
@@ -167,6 +179,10 @@ def _flow(batch: Stacked, origin: FloatArray, x: FloatArray, escape: FloatArray 
         for found in tight.ends(batch, v, np.concatenate(ends), trail, exact=off <= _OFF):
             out.states[:, found.runs], out.end[found.runs] = found.states, 1 + found.margin
             out.largest[:, found.runs] = np.maximum(out.largest[:, found.runs], found.states[:count])
+    if batch.watched and trail.states:
+        passed = np.array(trail.states)
+        out.low = np.fmin(out.low, np.fmin.reduce(passed))
+        out.high = np.fmax(out.high, np.fmax.reduce(passed))
     return out
 
 

@@ -91,6 +91,11 @@ def on_grid(values: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("gj,...jn->...gn", _AT_GRID, values))
 
 
+def blur(values: FloatArray) -> FloatArray:
+    """By how much the polynomials through values (5, n_runs) may be off on `GRID`, about."""
+    return np.asarray(2.0 * np.abs(_HIGHEST @ values) * _SHAPE[:, None])
+
+
 def square(weights: FloatArray, change: FloatArray) -> FloatArray:
     """|change|² in scaled unknowns."""
     return np.asarray((weights * change * change).sum(axis=0))

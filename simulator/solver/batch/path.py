@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.model.membranes import ElectrodedMembrane
+from simulator.solver.batch import shapes
 from simulator.solver.batch.bordered import Bordered, pivots, softest
 from simulator.solver.batch.events import at_drive, at_zero
 from simulator.solver.batch.extremes import largest
@@ -49,6 +50,12 @@ class Passage:
         Stretches.
     largest_field : (n_balloons, n) array
         Largest true electric fields, 0 without electrodes.
+    least : (n_balloons, n) array
+        Smallest margins s of sphericity, where they are watched.
+    uncertain : (n,) array of bool
+        Whether it is left open where spheres are lost; such runs are given up.
+    crossings : list of Crossings
+        Where spheres are lost and regained, where that is watched.
     """
 
     states: FloatArray
@@ -59,6 +66,9 @@ class Passage:
     defect: FloatArray
     largest: FloatArray
     largest_field: FloatArray
+    least: FloatArray
+    uncertain: BoolArray
+    crossings: list[shapes.Crossings] = field(default_factory=list)
     steps: int = field(default=0)
 
 
@@ -109,7 +119,8 @@ def follow(batch: Stacked, start: FloatArray, sense: FloatArray, target: FloatAr
     weights = 1.0 / batch.scales(runs) ** 2
     out = Passage(
         start.copy(), np.zeros_like(start), np.full(runs, GAVE_UP), np.zeros(runs), np.zeros(runs),
-        np.zeros(runs), start[:count].copy(), np.abs(fields(batch, start)),
+        np.zeros(runs), start[:count].copy(), np.abs(fields(batch, start)), np.full((count, runs), np.inf),
+        np.zeros(runs, dtype=bool),
     )  # fmt: skip
     normal = np.zeros_like(start)
     normal[-1] = sense
@@ -139,6 +150,7 @@ def follow(batch: Stacked, start: FloatArray, sense: FloatArray, target: FloatAr
                 continue
             front = _advance(front, out, ends)
             out.steps += 1
+    out.end[out.uncertain] = GAVE_UP
     return out
 
 
@@ -227,6 +239,11 @@ def _note(
     out.defect[at] += found.defect[which]
     states, place = found.states[:, :, which], place[which]
     batch = batch if which.all() else batch.take(which)
+    if batch.watched:
+        out.least[:, at] = shapes.least_on(batch, states, place, out.least[:, at])
+        crossings, certain = shapes.crossings(batch, states, place, out.steps)
+        out.crossings += [one._replace(runs=at[one.runs]) for one in crossings]
+        out.uncertain[at[~certain]] = True
     for i, membrane in enumerate(batch.membranes):
         out.largest[i, at] = largest(batch, partial(_stretch, i), states, place, out.largest[i, at])
         if isinstance(membrane, ElectrodedMembrane):

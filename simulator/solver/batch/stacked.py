@@ -80,15 +80,17 @@ def arrays(value: Any) -> Iterator[NDArray[Any]]:
 class Stacked:
     """The equations of many runs, with arrays (n_runs,) for some or all of their numbers.
 
-    `strengths` are those of the balloons' films, None where there is none.
+    `strengths` are those of the balloons' films, None where there is none; `watched` is whether it is looked
+    at where the balloons stop being spheres.
     """
 
     equations: SealedBalloons | OpenBalloon
     strengths: tuple[Strength | None, ...]
+    watched: bool = False
 
     def take(self, index: Index) -> Stacked:
         """Those of some runs."""
-        return Stacked(taken(self.equations, index), taken(self.strengths, index))
+        return Stacked(taken(self.equations, index), taken(self.strengths, index), self.watched)
 
     @property
     def count(self) -> int:

@@ -43,20 +43,29 @@ def strength(device: Device, i: int) -> Strength | None:
     return device.strength[device.electroded.index(i)] if i in device.electroded else None
 
 
-def sealed(device: Device, gas: Contents, offset: FloatArray, rate: FloatArray) -> Stacked:
+def sealed(
+    device: Device, gas: Contents, offset: FloatArray, rate: FloatArray, *, watched: bool = False
+) -> Stacked:
     """Valve closed: all balloons on what they share."""
     places = range(len(device.names))
     membranes = tuple(membrane(device, i, offset, rate) for i in places)
-    return Stacked(SealedBalloons(membranes, gas), tuple(strength(device, i) for i in places))
+    return Stacked(SealedBalloons(membranes, gas), tuple(strength(device, i) for i in places), watched)
 
 
 def opened(
-    device: Device, i: int, offset: FloatArray, rate: FloatArray, pressure: FloatArray | None
+    device: Device,
+    i: int,
+    offset: FloatArray,
+    rate: FloatArray,
+    pressure: FloatArray | None,
+    *,
+    watched: bool = False,
 ) -> Stacked:
     """Valve open: one balloon at a pressure, or with None inflated by a moving one."""
     wall_of_it = membrane(device, i, offset, rate)
     given: Any = pressure if pressure is not None else 0.0
-    return Stacked(OpenBalloon(wall_of_it, given, 1.0 if pressure is None else 0.0), (strength(device, i),))
+    equations = OpenBalloon(wall_of_it, given, 1.0 if pressure is None else 0.0)
+    return Stacked(equations, (strength(device, i),), watched)
 
 
 def contents(device: Device, stretch: FloatArray, pressure: FloatArray) -> Contents:

@@ -82,7 +82,7 @@ def _fill(
     """Put the rows of a stack where they belong, but for those of runs that were given up."""
     began = time.perf_counter()
     runs = stack.runs.tolist()
-    played = play_stack(stack.device, stack.moves, len(runs), job.past)
+    played = play_stack(stack.device, stack.moves, len(runs), job.past, watched=job.recorded.shapes)
     columns = columns_of(job, played)
     columns["run"] = [start + run + 1 for run in runs]
     columns["way"] = [LOCKSTEP] * len(runs)
@@ -107,9 +107,11 @@ def compare(run: int, together: Row, alone: Row) -> None:
         if isinstance(here, float) or isinstance(there, float):
             here = math.nan if here is None else float(here)
             there = math.nan if there is None else float(there)
-            allowed = (_VOLTAGES if name.startswith("limit_point_") else _STATES) * (1.0 + abs(there))
-            # The largest values of a run by itself are those of its samples.
-            off = there - here if name.startswith("largest_") else abs(there - here)
+            exact = name.startswith(("limit_point_", "sphericity_voltage_"))
+            allowed = (_VOLTAGES if exact else _STATES) * (1.0 + abs(there))
+            # The largest and smallest values of a run by itself are those of its samples.
+            sign = {"largest": 1.0, "least": -1.0}.get(name.partition("_")[0])
+            off = abs(there - here) if sign is None else sign * (there - here)
             same = (math.isnan(here) and math.isnan(there)) or off <= allowed
         else:
             same = here == there

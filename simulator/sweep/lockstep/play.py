@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.events import EventKind
 from simulator.model.contents import Contents
 from simulator.model.device import Device
 from simulator.solver.batch import flow
@@ -17,8 +16,9 @@ from simulator.solver.batch.stacked import Stacked, taken
 from simulator.solver.segment import ULPS
 from simulator.sweep.lockstep.assembly import contents, opened, sealed
 from simulator.sweep.lockstep.programme import Move
-from simulator.sweep.lockstep.ride import ENDS, GAVE_UP, THERE, Ride, Turn, drive, drive_each_once, settle
-from simulator.sweep.plan import AT_REST, Past
+from simulator.sweep.lockstep.ride import GAVE_UP, THERE, Ride, arrived, drive, drive_each_once, lands, settle
+from simulator.sweep.lockstep.shapes import Shapes, note
+from simulator.sweep.plan import Past
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -26,7 +26,6 @@ BoolArray = NDArray[np.bool_]
 
 _ONE_INSTANT = 1e-9  # of a step: events closer than this may be one
 _AT_ONCE = 1e-12  # closer than this they are one
-_WITH_A_SIDE = [1 + ENDS.index(kind) for kind in (EventKind.BREAKDOWN, EventKind.OUT_OF_RANGE)]
 
 
 @dataclass
@@ -65,11 +64,12 @@ class Played:
     defect: FloatArray
     exchanged: FloatArray
     past: FloatArray
+    shapes: Shapes | None
     turns: list[tuple[FloatArray, Index]] = field(default_factory=list)
 
     @classmethod
-    def unstretched(cls, device: Device, runs: int) -> Played:
-        """Stress free at p = 0, the valve closed over whatever gas that is."""
+    def unstretched(cls, device: Device, runs: int, *, watched: bool) -> Played:
+        """Stress free at p = 0, the valve closed over whatever gas that is; shapes may be watched."""
         balloons = len(device.names)
 
         def zeros() -> FloatArray:
@@ -102,6 +102,7 @@ class Played:
             defect=zeros(),
             exchanged=zeros(),
             past=np.full(runs, np.nan),
+            shapes=Shapes.spheres(device, runs) if watched else None,
         )
 
     @property
@@ -110,7 +111,9 @@ class Played:
         return np.flatnonzero(self.end == THERE)
 
 
-def play(device: Device, moves: tuple[Move, ...], runs: int, past: Past | None) -> Played:
+def play(
+    device: Device, moves: tuple[Move, ...], runs: int, past: Past | None, *, watched: bool = False
+) -> Played:
     """Play the programme of n runs.
 
     Parameters
@@ -122,8 +125,10 @@ def play(device: Device, moves: tuple[Move, ...], runs: int, past: Past | None) 
     runs : int
     past : Past or None
         See `sweep.plan`.
+    watched : bool
+        Whether it is looked at where the balloons stop being spheres.
     """
-    state = Played.unstretched(device, runs)
+    state = Played.unstretched(device, runs, watched=watched)
     for move in moves:
         if past is not None and past.step == move.number:
             state.past[:] = move.targets[0]  # as written, where it is not gone
@@ -204,7 +209,7 @@ def _inflate(state: Played, runs: Index, target: FloatArray) -> None:
     device, still = taken(state.device, runs), state.voltage[:, runs]
     rides: list[tuple[int, Stacked, FloatArray, Ride]] = []
     for i in range(len(device.names)):
-        batch = opened(device, i, still, np.zeros_like(still), None)
+        batch = opened(device, i, still, np.zeros_like(still), None, watched=bool(state.shapes))
         start = np.stack([state.stretch[i, runs], state.pressure[runs]])
         rides.append((i, batch, start, drive_each_once(batch, start, target)))
     _apart(state, runs, rides, target - state.pressure[runs], inflates=True)
@@ -212,7 +217,10 @@ def _inflate(state: Played, runs: Index, target: FloatArray) -> None:
         _book(state, runs, batch, start, ride, (i,), inflates=True)
         for turn in ride.turns:
             mine = runs[turn.runs]
-            state.inflation_snaps[mine[_arrived(turn, state.end[mine])]] += 1
+            state.inflation_snaps[mine[arrived(turn, state.end[mine])]] += 1
+        if state.shapes is not None:
+            state.shapes.inflated(i, runs, ride)
+            state.end[runs[still.any(axis=0)]] = GAVE_UP  # several balloons may change at once
     state.pressure[runs] = np.where(state.end[runs] == THERE, target, state.pressure[runs])
 
 
@@ -227,14 +235,14 @@ def _ramp(state: Played, runs: Index, target: FloatArray, times: float | None) -
     everything = tuple(range(len(device.names)))
     rides: list[tuple[tuple[int, ...], Stacked, FloatArray, Ride]] = []
     if not state.valve_open:
-        batch = sealed(device, taken(state.contents, runs), offset, rate)
+        batch = sealed(device, taken(state.contents, runs), offset, rate, watched=bool(state.shapes))
         start = np.concatenate([state.stretch[:, runs], pressure[None], v[None]])
         rides.append((everything, batch, start, drive(batch, start, there, times)))
     else:
         for i, moves in zip(device.electroded, rate, strict=True):
             if not moves.any():
                 continue
-            batch = opened(device, i, offset, rate, pressure)
+            batch = opened(device, i, offset, rate, pressure, watched=bool(state.shapes))
             start = np.stack([state.stretch[i, runs], v])
             rides.append(((i,), batch, start, drive(batch, start, there, times if len(rate) == 1 else None)))
     _apart(state, runs, rides, there - v)
@@ -242,6 +250,7 @@ def _ramp(state: Played, runs: Index, target: FloatArray, times: float | None) -
         _book(state, runs, batch, start, ride, members)
         if not state.valve_open:
             state.pressure[runs] = ride.states[-2]
+    state.end[note(state.shapes, runs, rides, offset, rate, state.snaps)] = GAVE_UP
     _turned(state, runs, rides, offset, rate)
     going = state.end[runs] == THERE
     if times is not None:
@@ -256,11 +265,6 @@ def _ramp(state: Played, runs: Index, target: FloatArray, times: float | None) -
     for _, _, _, ride in rides:
         stopped = (ride.end != THERE) & (ride.end != GAVE_UP)
         state.voltage[:, runs[stopped]] = (offset + rate * ride.states[-1])[:, stopped]
-
-
-def _arrived(turn: Turn, end: Index) -> BoolArray:
-    """Which snaps have a side after them: where a film breaks on the way, not where tension is lost."""
-    return turn.rested | np.isin(end, _WITH_A_SIDE)
 
 
 def _first_turns(ride: Ride, count: int) -> FloatArray:
@@ -283,15 +287,14 @@ def _jump(state: Played, runs: Index, target: FloatArray) -> None:
     pressure, stretch = state.pressure[runs], state.stretch[:, runs]
     groups: list[tuple[tuple[int, ...], Stacked, FloatArray]] = []
     if not state.valve_open:
-        batch = sealed(device, taken(state.contents, runs), offset, rate)
+        batch = sealed(device, taken(state.contents, runs), offset, rate, watched=bool(state.shapes))
         groups.append((tuple(range(len(stretch))), batch, np.stack([*stretch, pressure, there])))
         state.end[runs[~(pressure > 0.0)]] = GAVE_UP  # nothing holds a balloon that is slack
     else:
         for i, moves in zip(device.electroded, rate, strict=True):
             if moves.any():
-                groups.append(
-                    ((i,), opened(device, i, offset, rate, pressure), np.stack([stretch[i], there]))
-                )
+                batch = opened(device, i, offset, rate, pressure, watched=bool(state.shapes))
+                groups.append(((i,), batch, np.stack([stretch[i], there])))
     unit = np.array([
         device.radius[i] ** 2 * device.permittivity[i] / device.thickness[i] * stretch[i] ** 4
         for i in device.electroded
@@ -313,6 +316,7 @@ def _jump(state: Played, runs: Index, target: FloatArray) -> None:
         _book(state, runs, batch, start, ride, members)
         if not state.valve_open:
             state.pressure[runs] = ride.states[-2]
+    state.end[note(state.shapes, runs, rides, offset, rate, state.snaps, jumps=True)] = GAVE_UP
     state.voltage[:, runs] = target
 
 
@@ -379,8 +383,7 @@ def _turned(state: Played, runs: Index, rides: list[Any], offset: FloatArray, ra
         voltage = offset[:, turn.runs] + rate[:, turn.runs] * turn.before[-1]
         state.turns.append((voltage, mine))
         count = len(members)
-        moved = np.abs(turn.after[:count] - turn.before[:count]).max(axis=0) > AT_REST
-        kept = moved & _arrived(turn, state.end[mine])
+        kept = lands(turn, state.end[mine], count)
         fresh = kept & (state.snaps[mine] == 0)
         first = mine[fresh]
         if len(rides) > 1:

@@ -9,14 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.events import EventKind
-from simulator.solver.batch import flow, path
+from simulator.solver.batch import flow, path, shapes
 from simulator.solver.batch.stacked import Stacked, arrays
+from simulator.sweep.plan import AT_REST
 
 FloatArray = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 GAVE_UP, THERE = -1, 0  # then 1 + the place in `ENDS`
 ENDS = (EventKind.LOSS_OF_TENSION, EventKind.BREAKDOWN, EventKind.RUNAWAY, EventKind.OUT_OF_RANGE)
+_WITH_A_SIDE = [1 + ENDS.index(kind) for kind in (EventKind.BREAKDOWN, EventKind.OUT_OF_RANGE)]
 _MOST_TURNS = 20
 
 
@@ -29,6 +31,19 @@ class Turn:
     after: FloatArray
     rested: NDArray[np.bool_]
     dissipated: FloatArray
+
+
+@dataclass(frozen=True)
+class Flight:
+    """What the flows of some runs (n,) do to their balloons' shapes.
+
+    `v` is the drive, and `lands` whether each is a snap with a side after it.
+    """
+
+    runs: Index
+    flown: shapes.Flown
+    v: FloatArray
+    lands: NDArray[np.bool_]
 
 
 @dataclass
@@ -46,7 +61,10 @@ class Ride:
     turns : list of Turn
         In order for each run.
     work, defect, exchanged : (n,) arrays
-    largest, largest_field : (n_balloons, n) arrays
+    largest, largest_field, least : (n_balloons, n) arrays
+        `least` is the margin s of sphericity, where that is watched.
+    changes : list of Crossings or Flight
+        Of shapes, where they are watched; in order for each run.
     """
 
     states: FloatArray
@@ -57,7 +75,9 @@ class Ride:
     exchanged: FloatArray
     largest: FloatArray
     largest_field: FloatArray
+    least: FloatArray
     turns: list[Turn] = field(default_factory=list)
+    changes: list[shapes.Crossings | Flight] = field(default_factory=list)
 
     @classmethod
     def at(cls, batch: Stacked, start: FloatArray) -> Ride:
@@ -67,6 +87,7 @@ class Ride:
             start.copy(), np.full(runs, THERE), np.zeros(runs, dtype=bool),
             np.zeros(runs), np.zeros(runs), np.zeros(runs), start[: batch.count].copy(),
             np.abs(path.fields(batch, start)),
+            shapes.least(batch, start) if batch.watched else np.full((batch.count, runs), np.inf),
         )  # fmt: skip
 
 
@@ -97,6 +118,8 @@ def drive(batch: Stacked, start: FloatArray, target: FloatArray, times: float | 
         out.exchanged[left] += passed.exchanged
         out.largest[:, left] = np.maximum(out.largest[:, left], passed.largest)
         out.largest_field[:, left] = np.maximum(out.largest_field[:, left], passed.largest_field)
+        out.least[:, left] = np.minimum(out.least[:, left], passed.least)
+        out.changes += [one._replace(runs=left[one.runs]) for one in passed.crossings]
         _ended(some, out, left, passed.end - 2, passed.end < 0, passed.end >= 2)
         turned = np.flatnonzero(passed.end == path.TURNED)
         left = left[turned]
@@ -123,7 +146,9 @@ def drive_each_once(batch: Stacked, start: FloatArray, target: FloatArray) -> Ri
     if first.size > 0.7 * runs:
         return drive(batch, start, target)
     ride = drive(batch.take(first), start[:, first], target[first])
-    out = Ride(*(getattr(ride, f.name)[..., inverse] for f in fields(Ride) if f.name != "turns"))
+    out = Ride(
+        *(getattr(ride, f.name)[..., inverse] for f in fields(Ride) if f.name not in ("turns", "changes"))
+    )
     order = np.argsort(inverse, kind="stable")
     counts = np.bincount(inverse, minlength=first.size)
     begins = np.concatenate([[0], np.cumsum(counts)])
@@ -162,6 +187,26 @@ def settle(batch: Stacked, out: Ride, left: Index, before: FloatArray, rests: fl
     out.largest[:, left] = np.maximum(out.largest[:, left], np.where(kept, rests.largest, 0.0))
     out.largest_field[:, left] = np.maximum(out.largest_field[:, left], np.where(kept, fields, 0.0))
     out.turns.append(Turn(left, before, rests.states, rested, lost))
+    if batch.watched:
+        out.least[:, left] = np.minimum(
+            out.least[:, left], np.where(kept, shapes.least(batch, rests.states), np.inf)
+        )
+        flown = shapes.flown(batch, before, rests.states, rests.low, rests.high)
+        landed = lands(out.turns[-1], out.end[left], batch.count)
+        going = np.flatnonzero(kept & (rests.end >= 0))
+        flown = shapes.Flown(*(part[:, going] for part in flown))
+        out.changes.append(Flight(left[going], flown, before[-1, going], landed[going]))
+
+
+def lands(turn: Turn, end: Index, count: int) -> NDArray[np.bool_]:
+    """Which snaps, of runs of so many balloons that end so, lead elsewhere and have a side after them."""
+    moved = np.abs(turn.after[:count] - turn.before[:count]).max(axis=0) > AT_REST
+    return np.asarray(moved & arrived(turn, end))
+
+
+def arrived(turn: Turn, end: Index) -> NDArray[np.bool_]:
+    """Which snaps have a side after them: where a film breaks on the way, not where tension is lost."""
+    return np.asarray(turn.rested | np.isin(end, _WITH_A_SIDE))
 
 
 def _ended(batch: Stacked, out: Ride, runs: Index, place: Any, lost: Any, ended: Any) -> None:

@@ -137,6 +137,8 @@ def rule(job: Job, base: Sequence[Value], ranges: Sequence[tuple[float, float] |
     first = subject(job, base)
     if not known(first[0]):
         raise NotCovered("an elastomer")
+    if job.recorded.shapes and not all(getattr(e, "stays_spherical", False) for e in first[0].elastomers):
+        raise NotCovered("shapes of an elastomer that may lose its sphere without a voltage")
     shape, start = form(first), np.array(list(numbers(first)))
 
     def at(values: Sequence[Value]) -> FloatArray:

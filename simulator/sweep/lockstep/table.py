@@ -55,6 +55,12 @@ def columns_of(job: Job, played: Played) -> dict[str, list[Any]]:
         found[f"residual_stretch_{name}"] = played.stretch[i] + nothing
     for name, i in zip(electroded, played.device.electroded, strict=True):
         found[f"largest_field_{name}"] = played.largest_field[i]
+    if played.shapes is not None:
+        found["shape"] = played.shapes.words(played.snaps)
+        for i, name in enumerate(names):
+            found[f"least_sphericity_{name}"] = played.shapes.least[i]
+        for name, values in zip(electroded, played.shapes.voltage, strict=True):
+            found[f"sphericity_voltage_{name}"] = values
     return {name: np.asarray(values).tolist() for name, values in found.items()}
 
 
