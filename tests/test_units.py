@@ -352,7 +352,8 @@ def test_missing_scales_are_named() -> None:
 
 @pytest.mark.parametrize("size", ["1e-200 m", "1e200 m"])
 def test_scales_that_no_number_can_hold(size: str) -> None:
-    expected = "<dict>: scales: must be a balloon whose scales are finite numbers"
+    allowed = 'must be a length > 0 such as "20 mm"; in numbers it must be a number from 1e-30 to 1e30'
+    expected = f'<dict>: scales.radius = "{size}": {allowed}'
     assert str(refusal(written(scales={**REFERENCE, "radius": size}, balloon=[BALLOON]))) == expected
 
 

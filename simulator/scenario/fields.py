@@ -36,11 +36,28 @@ Float = Annotated[float, BeforeValidator(_python_scalar), Field(strict=True, all
 
 Int = Annotated[int, BeforeValidator(_python_scalar), Field(strict=True)]
 
-Number = Annotated[Float, Field(description="a number")]
+LEAST, LARGEST = 1e-30, 1e30  # of what the equations take: their powers and products are numbers
+SHORTEST, LONGEST = 1e-100, 1e100  # of times
 
-Positive = Annotated[Float, Field(gt=0, description="a number > 0")]
 
-NonNegative = Annotated[Float, Field(ge=0, description="a number >= 0")]
+def _between(low: float, high: float) -> AfterValidator:
+    text = f"must be a number from {low:g} to {high:g}".replace("e+", "e")
+
+    def bounded(value: float) -> float:
+        if not low <= value <= high:
+            raise PydanticCustomError("refused", "{text}", {"text": text})
+        return value
+
+    return AfterValidator(bounded)
+
+
+_AnyPositive = Annotated[Float, Field(gt=0, description="a number > 0")]
+
+Number = Annotated[Float, Field(description="a number"), _between(-LARGEST, LARGEST)]
+
+Positive = Annotated[_AnyPositive, _between(LEAST, LARGEST)]
+
+NonNegative = Annotated[Float, Field(ge=0, description="a number >= 0"), _between(0.0, LARGEST)]
 
 
 @dataclass(frozen=True)
@@ -70,25 +87,20 @@ class Measured:
         try:
             return Written(handler(units.read(value, self.dimension, scales)), value)
         except ValueError as error:
-            reason = "" if isinstance(error, ValidationError) else str(error)
+            reason = _size_in(error) if isinstance(error, ValidationError) else str(error)
             found = {"name": self.dimension.name, "example": self.dimension.example, "reason": reason}
             raise PydanticCustomError("unit", "unit", found) from None
 
 
+def _size_in(error: ValidationError) -> str:
+    """What is wrong with the size of a number that was read from a text; empty where it is not that."""
+    first = error.errors(include_url=False)[0]
+    return f"in numbers it {first['msg']}" if first["type"] == "refused" else ""
+
+
 # A field declares what it measures by being one of these, or by a `Measured` of its own; nothing else is
 # needed for it to accept units.
-SHORTEST, LONGEST = 1e-100, 1e100
-
-
-def _representable(time: float) -> float:
-    # Sums and ratios of such times are finite, whatever the scenario does with them.
-    if not SHORTEST <= time <= LONGEST:
-        text = "must be a number from 1e-100 to 1e100"
-        raise PydanticCustomError("refused", "{text}", {"text": text})
-    return time
-
-
-Time = Annotated[Positive, Measured(units.TIME), AfterValidator(_representable)]
+Time = Annotated[_AnyPositive, Measured(units.TIME), _between(SHORTEST, LONGEST)]
 
 Radius = Annotated[Positive, Measured(units.RADIUS)]
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import AfterValidator, Field, ValidationError, ValidationInfo, model_validator
+from pydantic import AfterValidator, Field, ValidationError, ValidationInfo
 from pydantic_core import PydanticCustomError
 
 from simulator.scenario.fields import (
@@ -15,7 +14,6 @@ from simulator.scenario.fields import (
     Permittivity,
     Radius,
     Thickness,
-    refused,
 )
 from simulator.units import SI, Scales, Written
 
@@ -49,16 +47,6 @@ class Reference(Frozen):
         return Scales(
             float(self.shear_modulus), float(self.thickness), float(self.radius), float(self.permittivity)
         )
-
-    @model_validator(mode="after")
-    def _representable(self) -> Self:
-        try:
-            representable = all(math.isfinite(size) and size > 0.0 for size in self.scales.record().values())
-        except ArithmeticError:
-            representable = False
-        if not representable:
-            raise refused("must be a balloon whose scales are finite numbers", None)
-        return self
 
 
 def reference(value: Any, _: ValidationInfo) -> Reference:
