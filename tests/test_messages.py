@@ -99,6 +99,26 @@ WRITTEN = {
         SINE.replace("period = 1", "period = 1e308").replace("1e9", "10"),
         f"step.2.sine.period = 1e+308: {TIMES}",
     ),
+    "a size whose cube is no number": (
+        'name = "active"',
+        'name = "active"\nradius = 1e308',
+        "balloon.active.radius = 1e+308: must be a number from 1e-30 to 1e30",
+    ),
+    "a wall of no stretch": (
+        'name = "passive"\nelastomer = { model = "gent", J_lim = 100 }',
+        'name = "passive"\nelastomer = { model = "gent", J_lim = 5e-324 }',
+        "balloon.passive.elastomer.J_lim = 5e-324: must be a number from 1e-30 to 1e30",
+    ),
+    "a voltage whose square is no number": (
+        RAMP,
+        "jump = -1e200",
+        "step.2.jump = -1e+200: must be a number from -1e30 to 1e30",
+    ),
+    "a pressure that is none": (
+        RAMP,
+        "inflate = 1e308",
+        "step.2.inflate = 1e+308: must be a number from 0 to 1e30",
+    ),
     "a sweep": (
         PAIR,
         'scenario = "pair.toml"\n[vary]\n"gas.ambient_pressure" = [1, 2]\n',
