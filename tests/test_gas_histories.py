@@ -238,3 +238,28 @@ def test_the_smallest_chamber_on_which_a_balloon_snaps():
         return float(np.min(((ClosedForm.force(x) - p * x**2) / (2 * x**3)).imag))
 
     assert brentq(least_rise, 300.0, 360.0, rtol=1e-12) == pytest.approx(end.value[-1], rel=1e-6)
+
+
+@pytest.mark.parametrize(("gas", "gamma"), [({"law": "adiabatic"}, 1.4), ({"chamber": 1.0}, 1.0)], ids=str)
+def test_far_from_where_it_was_sealed_a_gas_has_all_its_digits(gas, gamma):
+    """(p + pₑ)V^γ stays: of p where the volume has grown by 10⁷, and of the stretch where p is lost."""
+    wall = {"model": "ogden", "mu": [2.5, -0.139, 0.001567], "alpha": [1.493, -1.712, 5.171]}
+    scenario = {
+        "title": "far",
+        "gas": {"ambient_pressure": 0.0, **gas},
+        "balloon": [{"name": "a", "electrodes": True, "elastomer": wall}],
+        "step": [{"inflate": 0.1}, {"ramp": 0.95}],
+        "shape": {"on_loss": "ignore"},
+    }
+    chamber = gas.get("chamber", 0.0)
+    history = run(load_scenario(scenario))
+    volume = chamber + history.stretch[history.step > 0, 0] ** 3 / 3.0
+    sealed = np.flatnonzero(history.step == 1)[-1]
+    right = 0.1 * (volume[sealed] / volume[-1]) ** gamma
+    assert volume[-1] > 1e7 * volume[sealed]
+    assert history.pressure[-1] == pytest.approx(right, rel=1e-13)
+    scenario["gas"]["ambient_pressure"] = 1e-6
+    lost = run(load_scenario(scenario))
+    assert lost.outcome == "loss_of_tension"
+    right = (0.1 / 1e-6 + 1.0) ** (1.0 / gamma) * volume[sealed]
+    assert chamber + lost.stretch[-1, 0] ** 3 / 3.0 == pytest.approx(right, rel=1e-13)

@@ -189,17 +189,17 @@ class SealedGas:
         return (swelling - self.swelling) / self._volume, (swelling + self.chamber) / self._volume
 
     def defect(self, pressure: Number, cubes: Number) -> Number:
-        fall, _ = self.expansion.fall(*self._growth(cubes / 3.0))
-        return pressure - self.pressure + (self.pressure + self.ambient) * fall
+        left, lost, _ = self.expansion.fall(*self._growth(cubes / 3.0))
+        return pressure - self.pressure * left + self.ambient * lost
 
     def term_size(self, pressure: Number, cubes: Number) -> Number:
-        fall, _ = self.expansion.fall(*self._growth(cubes / 3.0))
-        return abs(pressure) + abs(self.pressure) + (self.pressure + self.ambient) * abs(fall)
+        left, lost, _ = self.expansion.fall(*self._growth(cubes / 3.0))
+        return abs(pressure) + self.pressure * abs(left) + self.ambient * abs(lost)
 
     def linearised(self, pressure: Number, cubes: Number) -> tuple[Number, Number, Number]:
-        fall, slope = self.expansion.fall(*self._growth(cubes / 3.0))
-        absolute = self.pressure + self.ambient
-        return pressure - self.pressure + absolute * fall, 1.0, absolute * slope / self._volume
+        left, lost, slope = self.expansion.fall(*self._growth(cubes / 3.0))
+        defect = pressure - self.pressure * left + self.ambient * lost
+        return defect, 1.0, (self.pressure + self.ambient) * slope / self._volume
 
     def stiffness(self, cubes: Number) -> Number:
         return self.linearised(0.0, cubes)[2]

@@ -21,8 +21,8 @@ Number = Any
 class Expansion(Protocol):
     """How the absolute pressure falls as the volume grows by the fraction u from where it was sealed."""
 
-    def fall(self, u: Number, ratio: Number) -> tuple[Number, Number]:
-        """The fraction of the absolute pressure that is lost, and its derivative in u."""
+    def fall(self, u: Number, ratio: Number) -> tuple[Number, Number, Number]:
+        """The fractions of the absolute pressure that are left and lost, and the derivative of that in u."""
         ...
 
     def work(self, u: Number, ratio: Number) -> Number:
@@ -42,8 +42,8 @@ class Expansion(Protocol):
 class Isotherm:
     """Pressure times volume stays."""
 
-    def fall(self, u: Number, ratio: Number) -> tuple[Number, Number]:
-        return u / ratio, 1.0 / (ratio * ratio)
+    def fall(self, u: Number, ratio: Number) -> tuple[Number, Number, Number]:
+        return 1.0 / ratio, u / ratio, 1.0 / (ratio * ratio)
 
     def work(self, u: Number, ratio: Number) -> Number:
         return -_logarithm(u, ratio)
@@ -62,14 +62,16 @@ class Adiabat:
 
     exponent: Number
 
-    def fall(self, u: Number, ratio: Number) -> tuple[Number, Number]:
+    def fall(self, u: Number, ratio: Number) -> tuple[Number, Number, Number]:
         if not isinstance(u, float):
-            left = -self.exponent * _logarithm(u, ratio)
-            return -np.expm1(left), self.exponent * np.exp(left) / ratio
+            power = -self.exponent * _logarithm(u, ratio)
+            left = np.exp(power)
+            return left, -np.expm1(power), self.exponent * left / ratio
         if not ratio > 0.0:
-            return math.nan, math.nan
-        left = -self.exponent * (math.log1p(u) if abs(u) < _SMALL else math.log(ratio))
-        return -math.expm1(left), self.exponent * math.exp(left) / ratio
+            return math.nan, math.nan, math.nan
+        power = -self.exponent * (math.log1p(u) if abs(u) < _SMALL else math.log(ratio))
+        left = math.exp(power)
+        return left, -math.expm1(power), self.exponent * left / ratio
 
     def work(self, u: Number, ratio: Number) -> Number:
         g = self.exponent - 1.0
