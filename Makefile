@@ -16,7 +16,7 @@ WORKERS ?= 2
 # Further options of a study or of the benchmarks: `make accuracy OPTIONS="--repeat 1 --out results"`.
 OPTIONS ?=
 
-.PHONY: help venv demo test format check coverage lowest pythons bench fuzz fuzz-whole fuzz-lockstep accuracy stress paper figures
+.PHONY: help venv demo test format check coverage lowest pythons bench fuzz fuzz-whole fuzz-lockstep fuzz-states accuracy stress paper figures
 
 help:
 	@echo "make demo      run scenarios/$(DEMO).toml, write its CSV files and its picture"
@@ -30,6 +30,7 @@ help:
 	@echo "make fuzz      play N=$(N) random scenarios of SEED=$(SEED) against the closed form; $(REPORT)"
 	@echo "make fuzz-whole  play N=$(N) random scenarios of the whole grammar against independent references"
 	@echo "make fuzz-lockstep  play N=$(N) random sweeps of 40 runs in lockstep and one by one"
+	@echo "make fuzz-states  hold graphs of states of N=$(N) random devices against five histories of each"
 	@echo "make accuracy  measure error against run time; docs/accuracy.md"
 	@echo "make stress    play stiff and extreme scenarios, and runs made to go wrong; docs/stability.md"
 	@echo "make paper     compare with every number of the paper; docs/paper.md"
@@ -76,6 +77,9 @@ fuzz-whole: $(INSTALLED)
 
 fuzz-lockstep: $(INSTALLED)
 	$(BIN)/python -m tests.fuzz.lockstep $(N) --seed $(SEED) --keep results/fuzz-lockstep
+
+fuzz-states: $(INSTALLED)
+	$(BIN)/python -m tests.fuzz.states $(N) --seed $(SEED) --keep results/fuzz-states
 
 accuracy stress paper figures: $(INSTALLED)
 	$(BIN)/python -m tests.studies.$@ $(OPTIONS)

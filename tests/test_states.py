@@ -21,7 +21,6 @@ from simulator import (
     states,
 )
 from simulator.cli import app
-from simulator.results.plot import png
 from tests.fuzz.states import examine, played
 from tests.oracle.closed_form import SealedPair, equilibrium_curve, reference_history
 
@@ -202,7 +201,7 @@ def test_a_device_that_ends_below_the_range_is_refused():
         states(SCENARIOS / "fig5c_state_a.toml").visits([0.7])
 
 
-def test_the_files_hold_the_graph(tmp_path):
+def test_the_files_hold_the_graph(tmp_path, five):
     result = CliRunner().invoke(
         app,
         ["states", str(FIVE), "--graphml", "--plot", "--out", str(tmp_path), "--low", "0", "--high", "0.6"],
@@ -217,10 +216,9 @@ def test_the_files_hold_the_graph(tmp_path):
         edge = read.edges[str(one["source"]), str(one["target"]), one["direction"]]
         assert edge["voltage_a"] == one["voltage_a"]
         assert edge["dissipated"] == one["dissipated"]
-    graph = states(FIVE)
-    assert graph.to_dataframe().shape[0] == 11
-    assert graph.transitions_to_dataframe()["balloon"].tolist()[0] == "e"
-    assert (tmp_path / "states.png").read_bytes() == png(graph.plot())
+    assert five.to_dataframe().shape[0] == 11
+    assert five.transitions_to_dataframe()["balloon"].tolist()[0] == "e"
+    assert (tmp_path / "states.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_with_scales_voltages_and_radii_have_units(tmp_path):

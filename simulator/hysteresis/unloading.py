@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -117,6 +117,14 @@ def unload(
     wanted = voltages(scenario, peaks)
     if points < 2:
         raise ScenarioError(scenario.file, Problem("points", points, "must be a whole number >= 2"))
+    found, landscape = _unloaded(scenario, wanted, points, along, reload=reload)
+    return replace(found, path=_path(landscape))
+
+
+def _unloaded(
+    scenario: Scenario, wanted: FloatArray, points: int, along: Mapping[str, float] | None, *, reload: bool
+) -> tuple[Unloading, Landscape]:
+    """As `unload`, without the whole path; and the states that were found."""
     begin = setting(scenario, along)
     landscape = Landscape(begin, Atlas(scenario.solver.rtol), 0.0, float(wanted.max()))
     first = first_state(scenario, landscape)
@@ -124,7 +132,7 @@ def unload(
     ends = [_one(landscape, first, peak, rows, points, reload=reload) for peak in wanted.tolist()]
     names = begin.device.names
     steps = sorted({step for end in ends for step in end.steps})
-    return Unloading(
+    found = Unloading(
         title=scenario.title,
         balloons=names,
         electroded=tuple(names[i] for i in begin.device.electroded),
@@ -144,10 +152,11 @@ def unload(
         pressure=np.concatenate(rows.pressure),
         event=np.concatenate(rows.event),
         thresholds=tuple(steps),
-        path=_path(landscape),
+        path=_no_path(len(names)),
         radius=begin.device.radius,
         scales=scenario.scales,
     )
+    return found, landscape
 
 
 def unload_map(
@@ -221,7 +230,7 @@ def _at(
     scenario: Scenario, key: str, value: float, peaks: FloatArray, along: Mapping[str, float] | None
 ) -> Unloading | None:
     try:
-        return unload(scenario.with_values({key: value}), peaks, along=along, points=2)
+        return _unloaded(scenario.with_values({key: value}), peaks, 2, along, reload=False)[0]
     except ScenarioError:
         return None
 
@@ -329,17 +338,19 @@ def _book(landscape: Landscape, books: Books, passage: Passage) -> None:
             books.at_once(group.equations, exit.before, exit.rest.state, exit.dissipated)
 
 
+def _no_path(balloons: int) -> UnloadedPath:
+    return UnloadedPath(np.empty(0), np.empty((0, balloons)), np.empty(0, dtype=np.int64), "")
+
+
 def _path(landscape: Landscape) -> UnloadedPath:
     """The whole equilibrium path along the same line, for the picture; with the valve open there is none."""
     begin = landscape.setting
-    nothing = np.empty(0)
-    if begin.groups[0].equations.is_open or len(begin.groups) > 1:
-        return UnloadedPath(nothing, np.empty((0, len(begin.device.names))), nothing.astype(np.int64), "")
-    group = begin.groups[0]
+    group, count = begin.groups[0], len(begin.device.names)
+    if group.equations.is_open:
+        return _no_path(count)
     try:
         points = whole_path(group, begin.unknowns()[0]).points(group.equations.scales)
     except PathError as failure:
-        empty = np.empty((0, len(begin.device.names)))
-        return UnloadedPath(nothing, empty, nothing.astype(np.int64), str(failure))
+        return replace(_no_path(count), failure=str(failure))
     stretch, _ = begin.states([points.states])
     return UnloadedPath(points.states[-1], stretch, points.unstable, "")
