@@ -351,3 +351,27 @@ def test_a_wave_that_begins_where_a_ramp_by_name_ended_does_not_jump():
     for first in ({"active": 0.36, "passive": 0.17}, {"active": 0.1, "passive": 0.23}):
         history = run(pair(0.8, {"ramp": first}, {"ramp": 0.3}, wave, passive={"electrodes": True}))
         assert kinds(history) == []
+
+
+def test_the_work_of_a_long_way_back_to_no_charge_closes() -> None:
+    """A long way is followed by longer steps: where it is left in between, its cubic is that of these."""
+    gent = {"model": "gent", "J_lim": 100.0}
+    scenario = load_scenario(
+        {
+            "title": "a charge taken off",
+            "gas": {"ambient_pressure": 0.3348, "law": "adiabatic"},
+            "balloon": [
+                {"name": "b0", "elastomer": gent},
+                {"name": "b1", "modulus": 0.5743, "electrodes": True, "elastomer": gent},
+            ],
+            "step": [
+                {"inflate": 0.72},
+                {"jump": 0.4255},
+                {"jump": 0.20123437542166034},
+                {"charge": {"b1": 0.0}, "until": {"field": 1.549}},
+            ],
+        }
+    )
+    history = run(scenario)
+    assert history.outcome == "completed"
+    assert abs(history.energy_balance.imbalance) < 1e-8 * history.energy_balance.exchanged

@@ -166,16 +166,18 @@ class Branch:
         low, high = self.known_range()
         if v > high and self.upper is None:
             segment = follow(self.equations, self.conditions, self.states[:, -1], v, rtol, effort)
+            ahead = newton.unit(self.equations, segment.tangents)  # by these scales, however it was followed
             self.states = np.concatenate([self.states[:, :-1], segment.states], axis=1)
-            self.tangents = np.concatenate([self.tangents[:, :-1], segment.tangents], axis=1)
+            self.tangents = np.concatenate([self.tangents[:, :-1], ahead], axis=1)
             self.work = np.concatenate([self.work, segment.work(self.equations)])
             self._cubics = None
             if segment.end is not None:
                 self.upper = BranchEnd(segment.end, segment.states[:, -1].copy())
         elif v < low and self.lower is None:
             segment = follow(self.equations, self.conditions, self.states[:, 0], v, rtol, effort)
+            ahead = newton.unit(self.equations, segment.tangents)
             self.states = np.concatenate([segment.states[:, ::-1], self.states[:, 1:]], axis=1)
-            self.tangents = np.concatenate([-segment.tangents[:, ::-1], self.tangents[:, 1:]], axis=1)
+            self.tangents = np.concatenate([-ahead[:, ::-1], self.tangents[:, 1:]], axis=1)
             self.work = np.concatenate([-segment.work(self.equations)[::-1], self.work])
             self._cubics = None
             if segment.end is not None:
