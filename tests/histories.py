@@ -52,6 +52,7 @@ def _make(
         time=time,
         step=step.astype(np.int64),
         branch=branch.astype(np.int64),
+        cycle=np.zeros(n, dtype=np.int64),
         voltage=voltage,
         stretch=stretch,
         pressure=1.3 / (1.0 + 0.2 * (stretch[:, 0] - 1.0) ** 2) if n else np.empty(0),

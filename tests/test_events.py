@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from simulator.events import OUTCOMES, SHAPE_EVENTS, WORDS, EventKind, Outcome
-from simulator.simulation.recorder import sample_fractions
+from simulator.simulation.sampling import sample_fractions
 from tests.pairs import pair, run
 
 GO_ON = {EventKind.LIMIT_POINT, EventKind.BRANCH_POINT, EventKind.JUMP}
@@ -45,5 +45,7 @@ def test_the_outcome_is_that_of_the_last_event():
     ],
 )
 def test_samples_are_where_a_scenario_asks_for_them(output, lasts, fractions):
-    scenario = pair(0.6, {"hold": 1}, output=output)
-    assert sample_fractions(scenario.output, lasts) == pytest.approx(fractions, abs=1e-12)
+    scenario = pair(0.6, {"hold": lasts}, output=output)
+    assert sample_fractions(scenario.output, scenario.steps[0], (), lasts) == pytest.approx(
+        fractions, abs=1e-12
+    )

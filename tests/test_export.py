@@ -61,20 +61,20 @@ def listing(directory: Path) -> list[str]:
 
 def test_history_columns_are_in_the_promised_order():
     assert list(history_columns(cycled_pair())) == [
-        "time", "step", "branch", "voltage_active", "stretch_active", "stretch_passive", "pressure",
+        "time", "step", "branch", "cycle", "voltage_active", "stretch_active", "stretch_passive", "pressure",
         "volume", "gas", "field_active", "charge_active", "energy", "stability",
     ]  # fmt: skip
 
 
 def test_history_columns_without_electrodes_have_nothing_electrical():
     assert list(history_columns(inflated_single())) == [
-        "time", "step", "branch", "stretch_only", "pressure", "volume", "gas", "energy", "stability",
+        "time", "step", "branch", "cycle", "stretch_only", "pressure", "volume", "gas", "energy", "stability",
     ]  # fmt: skip
 
 
 def test_event_columns_keep_both_sides_of_a_balloon_together():
     assert list(event_columns(cycled_pair())) == [
-        "time", "step", "kind", "voltage_active", "stretch_active_before", "stretch_active_after",
+        "time", "step", "cycle", "kind", "voltage_active", "stretch_active_before", "stretch_active_after",
         "stretch_passive_before", "stretch_passive_after", "pressure_before", "pressure_after",
         "field_active_before", "field_active_after", "dissipated",
     ]  # fmt: skip

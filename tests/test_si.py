@@ -101,11 +101,11 @@ def test_work_in_joules_balances_in_joules(history) -> None:
 
 def test_columns_have_their_unit_in_the_name(history, tmp_path: Path) -> None:
     columns = list(history.to_dataframe().columns)
-    assert columns[13:] == [
+    assert columns[14:] == [
         "time [s]", "voltage_active [V]", "radius_active [m]", "radius_passive [m]", "pressure [Pa]",
         "volume [m^3]", "gas [J]", "field_active [V/m]", "charge_active [C]", "energy [J]",
     ]  # fmt: skip
-    assert list(history.events_to_dataframe().columns)[13:] == [
+    assert list(history.events_to_dataframe().columns)[14:] == [
         "time [s]", "voltage_active [V]", "radius_active_before [m]", "radius_active_after [m]",
         "radius_passive_before [m]", "radius_passive_after [m]", "pressure_before [Pa]",
         "pressure_after [Pa]", "field_active_before [V/m]", "field_active_after [V/m]", "dissipated [J]",

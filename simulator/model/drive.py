@@ -272,8 +272,11 @@ class Leg:
         return self.start + (self.end - self.start) * fraction
 
     def within(self, fractions: FloatArray) -> FloatArray:
-        """Fractions of the step as those of this leg."""
-        return (fractions - self.start) / (self.end - self.start)
+        """Rising fractions of the step as those of this leg; those that lie in it, up to rounding."""
+        slack = 1e-9 * (self.end - self.start)
+        first = np.searchsorted(fractions, self.start - slack)
+        last = np.searchsorted(fractions, self.end + slack, side="right")
+        return (fractions[first:last] - self.start) / (self.end - self.start)
 
 
 def ramp(start: float, end: float) -> Waveform:

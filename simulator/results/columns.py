@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from simulator.results.csv_text import Columns
-from simulator.units import VOLUME, in_si
+from simulator.units import ENERGY, VOLUME, in_si
 
 if TYPE_CHECKING:
     from simulator.results.curve import Curve, FoldCurve, SpecialPoint
+    from simulator.results.cycles import Cycle
     from simulator.results.history import Event, FloatArray, History
     from simulator.results.sensitivity import Sensitivity
 
@@ -35,6 +36,7 @@ COLUMNS: Mapping[str, Meaning] = MappingProxyType(
         "time": Meaning("time", "s, or whatever the scenario means by 1"),
         "step": Meaning("number of the step, from 1, cycles unrolled"),
         "branch": Meaning("number of jumps and snaps so far, from 0"),
+        "cycle": Meaning("number of the cycle, from 1; 0 outside of cycles"),
         "kind": Meaning("what happened, or what the point of a path is"),
         "curve": Meaning("number of the path, from 1, where a file holds several"),
         "arclength": Meaning("length of the path up to here, in unknowns over their natural sizes"),
@@ -58,6 +60,13 @@ COLUMNS: Mapping[str, Meaning] = MappingProxyType(
         ),
         "sphericity_regained": Meaning("the same of a sphere that is regained"),
         "dissipated": Meaning("potential lost in a jump", "4πR²Hμ"),
+        "start": Meaning("when a cycle begins", "as time"),
+        "end": Meaning("when it ends, or the history does", "as time"),
+        "complete": Meaning("whether a cycle went to its end"),
+        "loop_work": Meaning("∫φ dq over a cycle, of a balloon's source and of all together", "4πR²Hμ"),
+        "supply_work": Meaning("∫p dV of the supply over a cycle, while the valve is open", "4πR²Hμ"),
+        "largest": Meaning("largest value in a cycle, between samples too; of a field its size"),
+        "smallest": Meaning("smallest value in a cycle, likewise"),
     }
 )
 """Quantities by the name that their columns begin with."""
@@ -79,6 +88,7 @@ def history_columns(history: History) -> Columns:
         "time": history.time,
         "step": history.step,
         "branch": history.branch,
+        "cycle": history.cycle,
         **_by_name("voltage", history.electroded, history.voltage),
         **_by_name("stretch", history.balloons, history.stretch),
         "pressure": history.pressure,
@@ -141,6 +151,7 @@ def event_columns(history: History) -> Columns:
     columns = {
         "time": np.array([event.time for event in events], dtype=float),
         "step": np.array([event.step for event in events], dtype=np.int64),
+        "cycle": np.array([event.cycle for event in events], dtype=np.int64),
         "kind": np.array([event.kind.value for event in events], dtype=object),
         **(_shapes(events) if history.sphericity.size else {}),
         **_by_name("voltage", electroded, _stacked(events, "voltage", len(electroded))),
@@ -151,6 +162,64 @@ def event_columns(history: History) -> Columns:
         "dissipated": _stacked(events, "dissipated", 1)[:, 0],
     }
     return _with_si(columns, history)
+
+
+def cycle_columns(history: History) -> Columns:
+    """The cycles of a history by column, in the order of `cycles.csv`.
+
+    Parameters
+    ----------
+    history : History
+
+    Returns
+    -------
+    dict of str to (n_cycles,) array
+        As in `COLUMNS`; `largest_<quantity>_<name>` and `smallest_…` of stretches and fields, and
+        `dissipated_<kind>` for every kind of loss that the history has.
+    """
+    cycles = history.cycles
+    balloons, electroded = history.balloons, history.electroded
+    kinds = dict.fromkeys(kind for cycle in cycles for kind in cycle.losses)
+
+    def extremes(which: str) -> Columns:
+        return {
+            **_by_name("stretch", balloons, _of_extremes(cycles, f"{which}_stretch", len(balloons))),
+            **_by_name("field", electroded, _of_extremes(cycles, f"{which}_field", len(electroded))),
+        }
+
+    works = np.array([cycle.loop_work for cycle in cycles]).reshape(len(cycles), len(electroded))
+    columns = {
+        "cycle": np.array([cycle.number for cycle in cycles], dtype=np.int64),
+        "start": np.array([cycle.start for cycle in cycles]),
+        "end": np.array([cycle.end for cycle in cycles]),
+        "complete": np.array([cycle.complete for cycle in cycles], dtype=bool),
+        **_by_name("loop_work", electroded, works),
+        "loop_work": np.array([cycle.total_work for cycle in cycles]),
+        "supply_work": np.array([cycle.gas_work for cycle in cycles]),
+        "dissipated": np.array([cycle.dissipated for cycle in cycles]),
+        **{
+            f"dissipated_{kind}": np.array([cycle.losses.get(kind, 0.0) for cycle in cycles])
+            for kind in kinds
+        },
+    }
+    found = {which: extremes(which) for which in ("largest", "smallest")}
+    named = {f"{which}_{name}": values for which, part in found.items() for name, values in part.items()}
+    scales = history.scenario.scales
+    if scales is None:
+        return {**columns, **named}
+    radii = {b.name: b.radius for b in history.scenario.balloons}
+    energies = in_si(columns, scales, {}, {"loop": ENERGY, "supply": ENERGY})
+    in_units = {
+        f"{which}_{name}": values
+        for which, part in found.items()
+        for name, values in in_si(part, scales, radii).items()
+    }
+    return {**columns, **named, **energies, **in_units}
+
+
+def _of_extremes(cycles: Sequence[Cycle], attribute: str, width: int) -> FloatArray:
+    rows = [getattr(cycle.extremes, attribute) for cycle in cycles]
+    return np.array(rows, dtype=np.float64).reshape(len(cycles), width)
 
 
 def curve_columns(curves: Sequence[Curve]) -> Columns:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.events import SHAPE_EVENTS, EventKind, Outcome
+from simulator.results.cycles import Closest, Cycle, Extremes
 from simulator.results.equality import same
 
 if TYPE_CHECKING:
@@ -60,6 +61,8 @@ class Event:
         is no after side.
     balloon, mode : str or None
         Of an event of a balloon's shape: which balloon, and what it would turn into, "pear" or "shear".
+    cycle : int
+        In which cycle, from 1; 0 outside of cycles.
     """
 
     time: float
@@ -75,6 +78,7 @@ class Event:
     dissipated: float | None
     balloon: str | None = None
     mode: str | None = None
+    cycle: int = 0
 
     def __repr__(self) -> str:
         place = ", ".join(f"{v:.6g}" for v in self.voltage)
@@ -119,7 +123,7 @@ class Verdict:
     broke : str or None
         "path", "snap" or "jump", during which it broke; None for a film that survived.
     time, step
-        Of the sample with the smallest margin; where it broke, if it did.
+        Where the margin is smallest, between samples too; where it broke, if it did.
     field, strength, margin : float
         |E|, E_b and 1 − |E|/E_b there.
     """
@@ -169,6 +173,8 @@ class History:
         Names of all balloons and of those with electrodes, in the order of the columns below.
     time, step, branch : (n_samples,) arrays
         `step` counts from 1 with cycles unrolled, `branch` counts jumps from 0.
+    cycle : (n_samples,) array
+        The cycle of each sample, from 1; 0 outside of cycles. A sample between two belongs to the first.
     voltage, field, charge : (n_samples, n_electroded) arrays
     stretch : (n_samples, n_balloons) array
     pressure, volume, gas, energy, stability : (n_samples,) arrays
@@ -187,6 +193,12 @@ class History:
         The strength E_b of each film, and 1 − |E|/E_b, how far it is from breakdown.
     sphericity : (n_samples, n_balloons) array
         How far each balloon is from turning into a pear, over μ; empty with `[shape] on_loss = "ignore"`.
+    extremes : Extremes
+        The largest and smallest stretches and fields, between samples too.
+    closest : tuple of Closest
+        Where each film with a strength comes closest to breakdown, between samples too.
+    cycles : tuple of Cycle
+        What each cycle amounts to.
     """
 
     scenario: Scenario
@@ -213,6 +225,12 @@ class History:
     strength: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
     margin: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
     sphericity: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
+    cycle: IntArray = dataclasses.field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    extremes: Extremes = dataclasses.field(
+        default_factory=lambda: Extremes.of(np.empty((0, 0)), np.empty((0, 0)))
+    )
+    closest: tuple[Closest, ...] = ()
+    cycles: tuple[Cycle, ...] = ()
 
     def __len__(self) -> int:
         return int(self.time.size)
@@ -326,24 +344,22 @@ class History:
         return tuple(self._verdict(i) for i in range(len(self.rated))) if len(self) else ()
 
     def _verdict(self, film: int) -> Verdict:
-        margin = self.margin[:, film]
-        at, broke = int(np.argmin(margin)), None
+        margin, closest, broke = self.margin[:, film], self.closest[film], None
         if self.outcome is Outcome.BREAKDOWN and margin[-1] <= _BROKEN:
             last = self.events[-1].time
             before = [event.kind for event in self.mechanical[:-1] if event.time == last]
-            at, broke = -1, "path"
+            broke = "path"
             if before:
                 broke = "jump" if before[-1] is EventKind.JUMP else "snap"
-        name = self.rated[film]
-        return Verdict(
-            name,
-            broke,
-            float(self.time[at]),
-            int(self.step[at]),
-            abs(float(self.field[at, self.electroded.index(name)])),
-            float(self.strength[at, film]),
-            float(margin[at]),
-        )
+            size = abs(float(self.field[-1, self.electroded.index(self.rated[film])]))
+            closest = Closest(
+                float(self.time[-1]),
+                int(self.step[-1]),
+                size,
+                float(self.strength[-1, film]),
+                float(margin[-1]),
+            )
+        return Verdict(self.rated[film], broke, *dataclasses.astuple(closest))
 
     def to_dataframe(self) -> pd.DataFrame:
         """The samples as a table, one row each; columns as in `history.csv` (`docs/results.md`)."""
@@ -357,8 +373,15 @@ class History:
 
         return events_table(self)
 
+    def cycles_to_dataframe(self) -> pd.DataFrame:
+        """The cycles as a table, one row each; columns as in `cycles.csv` (`docs/results.md`)."""
+        from simulator.results.tables import cycles_table
+
+        return cycles_table(self)
+
     def to_csv(self, directory: str | PathLike[str]) -> list[Path]:
-        """Write `history.csv`, `events.csv` and `run.json` into a directory, all or none.
+        """Write `history.csv`, `events.csv` and `run.json` into a directory, and `cycles.csv` if there are
+        cycles; all or none.
 
         Parameters
         ----------

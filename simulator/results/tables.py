@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 from simulator.results.columns import (
     curve_columns,
+    cycle_columns,
     event_columns,
     fold_columns,
     history_columns,
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from simulator.results.sensitivity import Sensitivity
 
 RUN_FILES = ("history.csv", "events.csv", "run.json")
+CYCLES_FILE = "cycles.csv"
 TRACE_FILES = ("curve.csv", "points.csv")
 FOLD_FILE = "fold.csv"
 SENSITIVITIES_FILE = "sensitivities.csv"
@@ -49,6 +51,11 @@ def history_table(history: History) -> pd.DataFrame:
 def events_table(history: History) -> pd.DataFrame:
     """The events of a history as a pandas table, one row each; columns as in `event_columns`."""
     return table(event_columns(history))
+
+
+def cycles_table(history: History) -> pd.DataFrame:
+    """The cycles of a history as a pandas table, one row each; columns as in `cycle_columns`."""
+    return _table(cycle_columns(history))
 
 
 def curve_table(curve: Curve) -> pd.DataFrame:
@@ -71,6 +78,8 @@ def write_run(
 ) -> list[Path]:
     """Write `history.csv`, `events.csv` and `run.json` of a history into a directory, all or none.
 
+    A history with cycles has `cycles.csv` besides.
+
     Parameters
     ----------
     history : History
@@ -90,7 +99,10 @@ def write_run(
         As `write_files`.
     """
     text = json.dumps(run_record(history, failure), indent=2, ensure_ascii=False, allow_nan=False)
-    tables = _as_csv({"history.csv": history_columns(history), "events.csv": event_columns(history)})
+    columns = {"history.csv": history_columns(history), "events.csv": event_columns(history)}
+    if history.cycles:
+        columns[CYCLES_FILE] = cycle_columns(history)
+    tables = _as_csv(columns)
     # run.json goes last: a reader who sees it sees the tables it belongs to.
     return write_files(directory, {**tables, "run.json": f"{text}\n".encode()})
 

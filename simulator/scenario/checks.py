@@ -24,6 +24,7 @@ from simulator.scenario.steps import (
     Until,
     duration,
     numbered,
+    periods_of,
     until_of,
 )
 
@@ -84,7 +85,7 @@ def disagreements(scenario: Parts) -> Iterator[Problem]:
         yield Problem("gas.exponent", gas.exponent, f'needs law = "adiabatic", is {gas.law}')
     output = scenario.output
     if output.every is not None and "points" in output.model_fields_set:
-        yield Problem("output", output.model_dump(), "must have points or every, not both")
+        yield Problem("output", output.model_dump(exclude_unset=True), "must have points or every, not both")
     elif _samples(scenario.steps, output) > MAX_SAMPLES:
         key, value = ("points", output.points) if output.every is None else ("every", output.every)
         allowed = f"must ask for at most {MAX_SAMPLES:,} samples over the whole scenario"
@@ -204,6 +205,8 @@ def _samples(steps: Iterable[Step], output: Output) -> float:
             total += 2
         else:
             # As for a cycle: whole numbers of a file have any number of digits.
-            points = min(output.points, MAX_SAMPLES + 1)
+            points = min(output.points, MAX_SAMPLES + 1) * max(1.0, periods_of(step))
+            if output.rows and isinstance(step, Table):
+                points = step.times.size
             total += points if output.every is None else duration(step) / output.every + 1
     return total

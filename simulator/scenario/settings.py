@@ -11,10 +11,13 @@ from simulator.units import as_written
 
 
 class Output(Frozen):
-    """Samples wanted: `points` for each step, or one `every` so much time."""
+    """Samples wanted: `points` for each step, or for each cycle of a wave; or one `every` so much time; and
+    whether they are at the `rows` of a table instead.
+    """
 
     points: Annotated[Int, Field(ge=2, description="a whole number >= 2")] = 101
     every: Annotated[Time | None, Field(description="a number > 0")] = None
+    rows: Annotated[bool, Field(strict=True, description="true or false")] = False
 
 
 class Dynamics(Frozen):

@@ -330,6 +330,16 @@ def duration(step: PlayedStep) -> float:
             return float(step.times[-1])
 
 
+def periods_of(step: PlayedStep) -> float:
+    """How many periods a sine or triangle has; 0 for any other step."""
+    match step:
+        case Sine():
+            return step.sine.cycles
+        case Triangle():
+            return step.triangle.cycles
+    return 0.0
+
+
 def unrolled(steps: Iterable[Step]) -> Iterator[PlayedStep]:
     """Steps in the order they are played, one at a time."""
     for step in steps:

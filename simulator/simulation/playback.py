@@ -19,6 +19,7 @@ from simulator.simulation.recorder import Recorder
 from simulator.solver.branch import Branch
 
 if TYPE_CHECKING:
+    from simulator.simulation.peaks import Peaks
     from simulator.simulation.present import Samples
     from simulator.simulation.shape import ShapeChange, ShapeWatch
 
@@ -60,7 +61,7 @@ def record_exits(
         for place, exit in exits.items():
             assert exit.rest is not None
             states[place] = exit.rest.state
-            books.at_once(groups[place].equations, exit.before, exit.rest.state, exit.dissipated)
+            books.at_once(groups[place], exit.before, exit.rest.state, exit.dissipated)
         kind = next(iter(exits.values())).kind
         after = record.present.at_instant(groups, way, states)
         record.event(kind, before, after, sum(exit.dissipated for exit in exits.values()))
@@ -84,6 +85,8 @@ class Playback:
         Added to.
     shapes : ShapeWatch, optional
         What is known of the balloons' shapes.
+    peaks : Peaks
+        What is known of where something is largest or smallest.
     played : PlayedLeg
     start, lasts : float
         When the leg begins, and how long it takes.
@@ -94,6 +97,7 @@ class Playback:
         record: Recorder,
         books: Books,
         shapes: ShapeWatch | None,
+        peaks: Peaks,
         played: PlayedLeg,
         start: float,
         lasts: float,
@@ -108,6 +112,9 @@ class Playback:
         self.since = [self.v] * len(self.groups)
         found = shapes.on_the_way(played.responses, self.waveform) if shapes is not None else []
         self.changes = deque(found)
+        self.peaks = peaks.on_the_way(
+            played.responses, self.waveform, lambda at: record.cycles.numbers(start + lasts * at)
+        )
 
     def play(self, fractions: FloatArray) -> None:
         """Record the leg, with samples at some fractions of it.
@@ -121,6 +128,7 @@ class Playback:
             between = (fractions > self.passed + SAME_INSTANT) & (fractions < fraction - SAME_INSTANT)
             self._samples(fractions[between], fraction)
             if not self.record.ended:
+                self._cycles(fraction)
                 self._exits(fraction, exits)
             if self.record.ended:
                 for place in set(range(len(self.groups))) - set(exits):
@@ -146,6 +154,7 @@ class Playback:
     def _samples(self, fractions: FloatArray, upto: float) -> None:
         """Samples at some fractions up to one, and changes of shape, all groups staying on their branches."""
         start = self.start
+        self._between_samples(upto)
         at = self._states(fractions) if fractions.size else None
         begin = 0
         for change in self._changes(upto):
@@ -158,6 +167,23 @@ class Playback:
                 return
         if at is not None and begin < fractions.size:
             self.record.samples(start + self.lasts * fractions[begin:], at.part(begin, fractions.size))
+
+    def _between_samples(self, upto: float) -> None:
+        """Note where something is largest or smallest up to a fraction, all groups staying on branches."""
+        count = int(np.searchsorted(self.peaks, upto, side="right"))
+        if count:
+            here, self.peaks = self.peaks[:count], self.peaks[count:]
+            self.record.between_samples(self.start + self.lasts * here, self._states(here))
+
+    def _cycles(self, upto: float) -> None:
+        """Book up to the end of every cycle that ends before a fraction, all groups staying on branches."""
+        leg, cycles = self.played.leg, self.record.cycles
+        while cycles.marks and cycles.marks[0] <= leg.of_step(upto) + SAME_INSTANT:
+            fraction = min(max((cycles.marks[0] - leg.start) / (leg.end - leg.start), 0.0), 1.0)
+            self.v = float(self.waveform.at(np.array(fraction)))
+            for place in range(len(self.groups)):
+                self._book(place)
+            cycles.turns(self.start + self.lasts * fraction, self.books)
 
     def _states(self, fractions: FloatArray) -> Samples:
         """The device at some fractions, all groups staying on their branches."""
@@ -174,6 +200,7 @@ class Playback:
 
     def _shape(self, change: ShapeChange) -> None:
         """Record a change of shape; all groups are on their branches."""
+        self._cycles(change.fraction)
         self.passed = max(self.passed, change.fraction)
         self.record.present.time = self.start + self.lasts * change.fraction
         self.v = float(change.before[-1])
@@ -216,6 +243,7 @@ class Playback:
         self._samples(fractions if end is None else fractions[:-1], far)
         if self.record.ended:
             return
+        self._cycles(far)
         self.v = early.v if early else float(self.waveform.values[-1])
         for place in range(len(self.groups)):
             self._book(place)
@@ -234,7 +262,8 @@ class Playback:
 
     def _book(self, place: int) -> None:
         """Book the way of a group along its branch up to here."""
-        self.books.along_branch(self.branches[place], self.since[place], self.v)
+        self.books.along_branch(self.groups[place], self.branches[place], self.since[place], self.v)
+        self.since[place] = self.v
 
 
 def _leading(fractions: FloatArray, waveform: Waveform, branches: Sequence[Branch | None]) -> int:

@@ -15,9 +15,10 @@ from simulator.model.groups import Group
 from simulator.simulation import motion
 from simulator.simulation.atlas import Atlas, Exit, is_slack, loses_tension
 from simulator.simulation.legs import SAME_INSTANT, PlayedLeg, played_legs
+from simulator.simulation.peaks import Peaks
 from simulator.simulation.playback import Playback, record_exits
 from simulator.simulation.present import unknowns_of
-from simulator.simulation.recorder import sample_fractions
+from simulator.simulation.sampling import sample_fractions
 from simulator.solver.flow import Rest, steepest_first
 from simulator.solver.singular import parting_directions, parts_equal_balloons, softest_change
 
@@ -41,6 +42,7 @@ class QuasiStatic:
         self.scenario, self.record, self.books = scenario, record, books
         self.atlas = Atlas(scenario.solver.rtol)
         self.shapes = shape_watch(scenario)
+        self.peaks = Peaks()
 
     @property
     def effort(self) -> Effort:
@@ -168,17 +170,18 @@ class QuasiStatic:
         )
         last = 1.0
         if watch is not None:
-            # Samples are spread over what is played: how far that is comes first.
+            # How far it is played comes first.
             found = list(found)
             end = found[-1]
             last = end.leg.of_step(end.early_end.fraction) if end.early_end else 1.0
-        fractions = last * sample_fractions(self.scenario.output, last * lasts) if last else np.zeros(1)
+        output = self.scenario.output
+        fractions = sample_fractions(output, step, legs, lasts, last) if last else np.zeros(1)
         reached = None
         for played in found:
             leg = played.leg
             within = leg.within(fractions)
             begins, takes = start + lasts * leg.start, lasts * (leg.end - leg.start)
-            playback = Playback(self.record, self.books, self.shapes, played, begins, takes)
+            playback = Playback(self.record, self.books, self.shapes, self.peaks, played, begins, takes)
             playback.play(within[within <= 1.0 + SAME_INSTANT])
             reached = played.early_end.reached if played.early_end else None
             if self.record.ended:

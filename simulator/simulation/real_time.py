@@ -18,7 +18,7 @@ from simulator.simulation import motion
 from simulator.simulation.atlas import loses_tension
 from simulator.simulation.legs import SAME_INSTANT
 from simulator.simulation.present import Samples, Snapshot
-from simulator.simulation.recorder import sample_fractions
+from simulator.simulation.sampling import sample_fractions
 from simulator.simulation.shape import ShapeChange, ShapeWatch
 from simulator.solver.ida import Effort
 from simulator.solver.viscous import Flow, Material, MaxwellBranch, Passage
@@ -98,7 +98,7 @@ class RealTime:
         """Let the balloons flow through the legs of a step, which has no early end."""
         present = self.record.present
         self.held_by = present.contents
-        fractions = sample_fractions(self.scenario.output, lasts)
+        fractions = sample_fractions(self.scenario.output, step, legs, lasts)
         for leg in legs:
             groups = motion.moving(
                 self.scenario, present.device, step, leg, present.pressure, present.contents
@@ -134,7 +134,8 @@ class RealTime:
             wanted[0], wanted[-1] = False, bool(at_end.any())  # the first is here already
             states = PassageStates(passage, flow, leg.way, drive)
             self._record(states, times, start + marks * lasts, wanted)
-            self._book(flow, drive, passage, before, inner_before)
+            turns = lasts * (self._turns(leg, begin, end) - begin)
+            self._book(states, before, inner_before, turns.tolist(), start + lasts * begin)
             if passage.ended:
                 return
             unseen = self._beyond(groups, drive(times[-1])[0])
@@ -208,23 +209,56 @@ class RealTime:
             found = states.of(passage.stretch[rows], passage.time[rows])
             self.record.samples(clock[rows], found)
 
+    def _turns(self, leg: Leg, begin: float, end: float) -> FloatArray:
+        """The fractions of a leg, within a part of it, at which cycles end and others begin."""
+        found = leg.within(np.array(self.record.cycles.marks))
+        return found[(found > begin + SAME_INSTANT) & (found <= end + SAME_INSTANT)]
+
     def _book(
-        self, flow: Flow, drive: Drive, passage: Passage, before: FloatArray, inner_before: FloatArray
+        self,
+        states: PassageStates,
+        before: FloatArray,
+        inner: FloatArray,
+        marks: Sequence[float],
+        clock: float,
     ) -> None:
-        """The energies of a passage that has led from some stretches to the present ones."""
-        stretch = self.record.present.stretch
-        springs = flow.spring_energy(before, inner_before)
-        self.inner = passage.inner
-        self.books.stored += flow.spring_energy(stretch, self.inner) - springs
-        self.books.dissipated += passage.dissipated
-        v0 = drive(passage.time[0])[0]
-        v1 = drive(passage.passed[-1].time if passage.ended else passage.time[-1])[0]
-        work = passage.work
-        for group in flow.groups:
-            first = np.array(flow.state(group, before.tolist(), v0))
-            last = np.array(flow.state(group, stretch.tolist(), v1))
-            self.books.change(group.equations, first, last, work)
-            work = 0.0  # that of all groups together, booked once
+        """The energies of a passage that has led from some stretches to the present ones.
+
+        Parameters
+        ----------
+        states : PassageStates
+        before, inner : arrays
+            Stretches and inner stretches where it began.
+        marks : sequence of float
+            Times of the passage at which cycles end and others begin.
+        clock : float
+            What time it was when it began.
+        """
+        flow, passage, cycles = states.flow, states.passage, self.record.cycles
+        ended = passage.passed[-1].time if passage.ended else float(passage.time[-1])
+        places = [int(np.argmin(np.abs(passage.time - mark))) for mark in marks if mark <= ended]
+        time, work, lost = passage.time[0], 0.0, 0.0
+        for number, place in enumerate([*places, passage.time.size - 1]):
+            stretch, onward = passage.stretch[place], passage.inner[place]
+            springs = flow.spring_energy(before, inner)
+            self.books.stored += flow.spring_energy(stretch, onward) - springs
+            self.books.dissipated += float(passage.dissipated[place]) - lost
+            done = float(passage.work[place]) - work
+            until = passage.time[place]
+            for group in flow.groups:
+                first = np.array(flow.state(group, before.tolist(), states.drive(time)[0]))
+                last = np.array(flow.state(group, stretch.tolist(), states.drive(until)[0]))
+                self.books.works[:] += self._share(self.books.change(group.equations, first, last, done))
+                done = 0.0  # that of all groups together, booked once
+            if number < len(places):
+                cycles.turns(clock + marks[number], self.books)
+            before, inner, time = stretch, onward, until
+            work, lost = float(passage.work[place]), float(passage.dissipated[place])
+        self.inner = passage.inner[-1]
+
+    def _share(self, work: float) -> float:
+        """The work of the only source; of several only the sum is known."""
+        return work if len(self.books.electroded) == 1 else np.nan
 
 
 @dataclass(frozen=True)

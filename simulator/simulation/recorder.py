@@ -9,16 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.events import OUTCOMES, EventKind, Outcome
+from simulator.results.cycles import Closest, Extremes
 from simulator.results.history import Event, History, SolverStatistics, Stop
+from simulator.simulation.cycles import Cycles, cycles_of
 from simulator.simulation.present import Present, Samples, Snapshot
 
 if TYPE_CHECKING:
-    from simulator.scenario import Output, Scenario
+    from simulator.model.device import Device
+    from simulator.scenario import Scenario
     from simulator.simulation.books import Books
     from simulator.simulation.shape import ShapeChange
     from simulator.solver.ida import Effort
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 
 @dataclass
@@ -26,8 +30,9 @@ class Rows:
     """Samples in chunks, each an array of n rows."""
 
     time: list[FloatArray] = field(default_factory=list)
-    step: list[FloatArray] = field(default_factory=list)
-    branch: list[FloatArray] = field(default_factory=list)
+    step: list[IntArray] = field(default_factory=list)
+    branch: list[IntArray] = field(default_factory=list)
+    cycle: list[IntArray] = field(default_factory=list)
     stretch: list[FloatArray] = field(default_factory=list)
     pressure: list[FloatArray] = field(default_factory=list)
     voltage: list[FloatArray] = field(default_factory=list)
@@ -37,11 +42,55 @@ class Rows:
 
 
 @dataclass
+class Between:
+    """States between samples, in which something is largest or smallest."""
+
+    time: list[FloatArray] = field(default_factory=list)
+    step: list[IntArray] = field(default_factory=list)
+    cycle: list[IntArray] = field(default_factory=list)
+    stretch: list[FloatArray] = field(default_factory=list)
+    voltage: list[FloatArray] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class WholeWay:
+    """All states that are known: n samples in order of time, and then those between samples."""
+
+    time: FloatArray
+    step: IntArray
+    cycle: IntArray
+    stretch: FloatArray
+    field: FloatArray
+
+    def closest(self, device: Device) -> tuple[Closest, ...]:
+        """Where each film with a strength comes closest to breakdown."""
+        strength = device.breakdown_field(self.stretch)
+        found = []
+        for column, place in enumerate(device.rated):
+            size = np.abs(self.field[:, place])
+            margin = 1.0 - size / strength[:, column]
+            least = np.flatnonzero(margin == margin.min())
+            at = int(least[np.argmin(self.time[least])])
+            found.append(
+                Closest(
+                    float(self.time[at]),
+                    int(self.step[at]),
+                    float(size[at]),
+                    float(strength[at, column]),
+                    float(margin[at]),
+                )
+            )
+        return tuple(found)
+
+
+@dataclass
 class Recorder:
     """What has been seen of a device so far. What is recorded last is where the device then is."""
 
     present: Present
     rows: Rows = field(default_factory=Rows)
+    between: Between = field(default_factory=Between)
+    cycles: Cycles = field(default_factory=Cycles)
     events: list[Event] = field(default_factory=list)
     stops: list[Stop] = field(default_factory=list)
     jumps: int = 0  # events that the device went on from
@@ -66,6 +115,7 @@ class Recorder:
         rows.time.append(times)
         rows.step.append(np.full(count, present.step))
         rows.branch.append(np.full(count, self.jumps))
+        rows.cycle.append(self.cycles.numbers(times))
         rows.stretch.append(states.stretch)
         rows.pressure.append(states.pressure)
         rows.voltage.append(states.voltage)
@@ -75,6 +125,20 @@ class Recorder:
         rows.is_open.append(np.full(count, present.valve_open))
         rows.charged.append(np.full(count, present.given == "charge"))
         present.take(states.last)
+
+    def between_samples(self, times: FloatArray, states: Samples) -> None:
+        """Note n states that are no samples, in which something is largest or smallest."""
+        more = self.between
+        more.time.append(times)
+        more.step.append(np.full(times.size, self.present.step))
+        more.cycle.append(self.cycles.numbers(times))
+        more.stretch.append(states.stretch)
+        more.voltage.append(states.voltage)
+
+    @property
+    def cycle(self) -> int:
+        """The cycle that the device is in, 0 for none."""
+        return int(self.cycles.numbers(np.array([self.present.time]))[0])
 
     def sample_now(self) -> None:
         """Add a sample of the present state."""
@@ -122,6 +186,7 @@ class Recorder:
             if after is None
             else present.device.field(after.stretch[None], after.voltage[None])[0],
             dissipated=dissipated,
+            cycle=self.cycle,
         )
         self.events.append(event)
         if after is not None:
@@ -162,6 +227,7 @@ class Recorder:
                 dissipated=0.0,
                 balloon=device.names[change.balloon],
                 mode=change.mode,
+                cycle=self.cycle,
             )
         )
         if rows.time[-1][-1] != present.time or not np.array_equal(rows.stretch[-1][-1], after.stretch):
@@ -179,12 +245,16 @@ class Recorder:
         is_open, charged = np.concatenate(rows.is_open), np.concatenate(rows.charged)
         volume, charge = device.volume(stretch), device.charge(stretch, voltage)
         true_field, strength = device.field(stretch, voltage), device.breakdown_field(stretch)
+        time, step, cycle = np.concatenate(rows.time), np.concatenate(rows.step), np.concatenate(rows.cycle)
+        whole = self._whole_way(time, step, cycle, stretch, true_field)
+        laps = self.cycles.cut(float(time[-1]), books)
         return History(
             scenario=scenario,
             balloons=device.names,
             electroded=scenario.electroded,
-            time=np.concatenate(rows.time),
-            step=np.concatenate(rows.step),
+            time=time,
+            step=step,
+            cycle=cycle,
             branch=np.concatenate(rows.branch),
             voltage=voltage,
             stretch=stretch,
@@ -206,6 +276,36 @@ class Recorder:
             sphericity=np.empty((0, 0))
             if scenario.shape.on_loss == "ignore"
             else device.sphericity(stretch, voltage),
+            extremes=Extremes.of(whole.stretch, whole.field),
+            closest=whole.closest(device),
+            cycles=tuple(
+                cycles_of(
+                    laps,
+                    whole.cycle,
+                    whole.stretch,
+                    whole.field,
+                    self.events,
+                    in_real_time=scenario.dynamics is not None,
+                )
+                if laps
+                else ()
+            ),
+        )
+
+    def _whole_way(
+        self, time: FloatArray, step: IntArray, cycle: IntArray, stretch: FloatArray, true_field: FloatArray
+    ) -> WholeWay:
+        """The samples and what is between them."""
+        more = self.between
+        if not more.time:
+            return WholeWay(time, step, cycle, stretch, true_field)
+        found, voltage = np.concatenate(more.stretch), np.concatenate(more.voltage)
+        return WholeWay(
+            np.concatenate([time, *more.time]),
+            np.concatenate([step, *more.step]),
+            np.concatenate([cycle, *more.cycle]),
+            np.concatenate([stretch, found]),
+            np.concatenate([true_field, self.present.device.field(found, voltage)]),
         )
 
     def statistics(self, effort: Effort, branches: int, seconds: float) -> SolverStatistics:
@@ -219,12 +319,3 @@ class Recorder:
             sum(event.kind in (EventKind.LIMIT_POINT, EventKind.BRANCH_POINT) for event in self.events),
             seconds,
         )
-
-
-def sample_fractions(output: Output, lasts: float) -> FloatArray:
-    """Fractions of a step, 0 to 1, at which a scenario asks for samples if the step lasts so long."""
-    if output.every is None:
-        return np.linspace(0.0, 1.0, output.points)
-    count = int(np.floor(lasts / output.every * (1.0 + 1e-12)))
-    fractions = np.minimum(np.arange(count + 1) * (output.every / lasts), 1.0)
-    return fractions if fractions[-1] > 1.0 - 1e-9 else np.append(fractions, 1.0)

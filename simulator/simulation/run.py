@@ -19,6 +19,7 @@ from simulator.model.device import Device
 from simulator.model.drive import Leg, Way
 from simulator.results.history import History, Stop
 from simulator.scenario import duration, load_scenario, until_of
+from simulator.scenario.cycles import counted
 from simulator.simulation import motion
 from simulator.simulation.books import Books
 from simulator.simulation.present import Present
@@ -27,6 +28,7 @@ from simulator.simulation.recorder import Recorder
 
 if TYPE_CHECKING:
     from simulator.scenario import PlayedStep, Scenario, ScenarioLike
+    from simulator.scenario.cycles import Count
     from simulator.simulation.replay import Replay
     from simulator.simulation.until import Watch
     from simulator.solver.ida import Effort
@@ -111,11 +113,11 @@ def simulate(
     run = known or Run(scenario)
     run.started = time.perf_counter()
     total = sum(1 for _ in scenario.played_steps()) if progress else 0
-    for number, step in islice(enumerate(scenario.played_steps(), start=1), begun, None):
+    for number, (step, count) in islice(enumerate(counted(scenario.steps), start=1), begun, None):
         if run.record.ended:
             break
         try:
-            run.play(number, step)
+            run.play(number, step, count)
         except (ArithmeticError, np.linalg.LinAlgError) as failure:
             now = run.record.present
             raise SolverError(
@@ -150,11 +152,19 @@ class Run:
             Present.unstretched(Device.from_scenario(scenario)),
             stops_at_shape=scenario.shape.on_loss == "stop",
         )
-        self.books = Books()
+        self.books = Books(self.record.present.device.electroded)
         self.kinetics = _kinetics(scenario, self.record, self.books)
 
-    def play(self, number: int, step: PlayedStep) -> None:
+    def play(self, number: int, step: PlayedStep, count: Count) -> None:
         """Play one step: first what changes at once, then what moves.
+
+        Parameters
+        ----------
+        number : int
+            From 1.
+        step : PlayedStep
+        count : Count
+            The cycles that it belongs to.
 
         Raises
         ------
@@ -164,6 +174,7 @@ class Run:
         present, record = self.record.present, self.record
         present.step = number
         start, lasts = present.time, duration(step)
+        record.cycles.step_begins(count, start, lasts, self.books)
         watch = _watch(step, present.device)
         before = watch.distances(present) if watch else []
         legs = self._change_at_once(step)
@@ -174,6 +185,7 @@ class Run:
                 reached = self.kinetics.travel(step, legs, start, lasts, watch)
         if watch:
             record.stops.append(Stop(number, present.time, reached))
+        record.cycles.step_ends(present.time, self.books, played=reached is None and not record.ended)
         if motion.opens_valve(step):
             present.seal()
 

@@ -19,7 +19,17 @@ from simulator.solver import newton
 from simulator.solver.certify import sharp
 from simulator.solver.follow import follow
 from simulator.solver.ida import Effort
-from simulator.solver.segment import SHORT, STRAIGHT, Cubics, Segment, rounding
+from simulator.solver.segment import (
+    SHORT,
+    STRAIGHT,
+    Cubics,
+    Segment,
+    between,
+    rounding,
+    shares,
+    straight,
+    work,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -74,6 +84,7 @@ class Branch:
     lower: BranchEnd | None = None
     upper: BranchEnd | None = None
     _works: dict[tuple[float, float], float] = field(default_factory=dict, repr=False)
+    _shares: dict[tuple[float, float], FloatArray] = field(default_factory=dict, repr=False)
     _corners: dict[float, FloatArray] = field(default_factory=dict, repr=False)
     _samples: dict[bytes, FloatArray] = field(default_factory=dict, repr=False)
     _cubics: Cubics | None = field(default=None, repr=False)
@@ -205,7 +216,7 @@ class Branch:
         if key not in self._samples:
             if len(self._samples) >= _MOST_SAMPLES:
                 self._samples.clear()
-            self._samples[key] = self._solved(v)
+            self._samples[key] = self.solved(v)
         return self._samples[key]
 
     def outline(self, count: int) -> FloatArray:
@@ -217,11 +228,18 @@ class Branch:
             In order of rising v.
         """
         c = self._through_points()
-        x = np.arange(1, count + 1) / (count + 1.0)
+        x = np.arange(count + 1) / (count + 1.0)
         y0, m0, a, b = (part[:, :, None] for part in (c.y0, c.m0, c.a, c.b))
-        between = y0 + x * (m0 + x * (a + x * b))
-        inner = np.concatenate([self.states[:, :-1, None], between], axis=2).reshape(len(self.states), -1)
+        inner = (y0 + x * (m0 + x * (a + x * b))).reshape(len(self.states), -1)
         return np.concatenate([inner, self.states[:, -1:]], axis=1)
+
+    def headings(self, count: int) -> FloatArray:
+        """The directions, towards rising v and of any length, in which the path goes on from `outline`."""
+        c = self._through_points()
+        x = np.arange(count + 1) / (count + 1.0)
+        m0, a, b = (part[:, :, None] for part in (c.m0, c.a, c.b))
+        inner = (m0 + x * (2.0 * a + x * 3.0 * b)).reshape(len(self.states), -1)
+        return np.concatenate([inner, self.tangents[:, -1:]], axis=1)
 
     def _through_points(self) -> Cubics:
         if self._cubics is None:
@@ -229,7 +247,8 @@ class Branch:
             self._cubics = Cubics.through(weights, self.states, self.tangents)
         return self._cubics
 
-    def _solved(self, v: FloatArray) -> FloatArray:
+    def solved(self, v: FloatArray) -> FloatArray:
+        """As `at`, for states that nobody will ask for again."""
         nodes = self.states[-1]
         if nodes.size == 1:
             return np.repeat(self.states, v.size, axis=1)
@@ -299,6 +318,28 @@ class Branch:
             self._works[start, end] = self._quadrature(start, end)
         return self._works[start, end]
 
+    def shares_between(self, start: float, end: float) -> FloatArray:
+        """What each membrane has of `work_between`, (n_balloons,), without what the gas supply has of it."""
+        if start > end:
+            return -self.shares_between(end, start)
+        if (start, end) not in self._shares:
+            nodes = self.states[-1]
+            first, last = np.searchsorted(nodes, start), np.searchsorted(nodes, end, side="right") - 1
+            total = np.zeros(len(self.equations.membranes))
+            if first <= last:
+                parts = [(start, float(nodes[first])), (float(nodes[last]), end)]
+                points, ahead = self.states[:, first : last + 1], self.tangents[:, first : last + 1]
+                if first < last:
+                    dense, speeds, _ = between(self.equations, points, ahead)
+                    total += shares(self.equations, dense, speeds)
+            else:
+                parts = [(start, end)]
+            for low, high in parts:
+                if low < high:
+                    total += shares(self.equations, *self._through(low, high))
+            self._shares[start, end] = total
+        return self._shares[start, end]
+
     def _quadrature(self, start: float, end: float) -> float:
         nodes = self.states[-1]
         first, last = (
@@ -314,9 +355,13 @@ class Branch:
         """Work over a part of one interval."""
         if start == end:
             return 0.0
+        return float(work(self.equations, *self._through(start, end)).sum())
+
+    def _through(self, start: float, end: float) -> tuple[FloatArray, FloatArray]:
+        """States at Gauss points within a part of one interval, and speeds there; see `Segment`."""
         points = np.stack([self.state_at(start), self.state_at(end)], axis=1)
         if end - start < SHORT * self.equations.scales[-1]:
-            return float(0.5 * np.sum(np.asarray(self.equations.drive_power(points))) * (end - start))
+            return straight(points[:, :1], points[:, 1:])
         chord = np.diff(points, axis=1)
         directions = np.concatenate(
             [self._tangent_at(v, points[:, i : i + 1], chord) for i, v in enumerate((start, end))], axis=1
@@ -324,7 +369,8 @@ class Branch:
         segment, astray = Segment.through(self.equations, points, directions)
         if astray.size:
             raise newton.NotConverged("the curve between two states is far from the cubic through them")
-        return float(segment.resolved(self.equations).work(self.equations).sum())
+        segment = segment.resolved(self.equations)
+        return segment.dense, segment.speeds
 
     def _tangent_at(self, v: float, state: FloatArray, towards: FloatArray) -> FloatArray:
         """The tangent at the state at one v, columns; that of a point is known, also where curves cross."""

@@ -218,6 +218,17 @@ def work(equations: Equations, states: FloatArray, speeds: FloatArray) -> FloatA
     return np.asarray((np.asarray(equations.drive_power(states)) * speeds[-1]) @ GAUSS_WEIGHTS)
 
 
+def shares(equations: Equations, states: FloatArray, speeds: FloatArray) -> FloatArray:
+    """What each membrane has of `work`, (n_balloons,), over all intervals together."""
+    rates = speeds[-1]
+    return np.array(
+        [
+            float((np.asarray(membrane.charge_rate(x, states[-1])) * rates @ GAUSS_WEIGHTS).sum())
+            for membrane, x in zip(equations.membranes, states, strict=False)
+        ]
+    )
+
+
 def between(
     equations: Equations, nodes: FloatArray, tangents: FloatArray
 ) -> tuple[FloatArray, FloatArray, Places]:

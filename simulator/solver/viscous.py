@@ -105,10 +105,10 @@ class Passage:
     time : (n,) array
         The times asked for, up to the end.
     stretch : (n, n_balloons) array
-    inner : (n_creeping,) array
-        Inner stretches at the end.
-    work, dissipated : float
-        ∫ −∂Π/∂v dv, and what was lost.
+    inner : (n, n_creeping) array
+        Inner stretches of the Maxwell branches.
+    work, dissipated : (n,) arrays
+        ∫ −∂Π/∂v dv up to each time, and what was lost.
     passed : tuple of Passed
         Limit points and changes of shape in order of time; and what ended it, if anything did.
     ended : bool
@@ -117,8 +117,8 @@ class Passage:
     time: FloatArray
     stretch: FloatArray
     inner: FloatArray
-    work: float
-    dissipated: float
+    work: FloatArray
+    dissipated: FloatArray
     passed: tuple[Passed, ...]
     ended: bool
 
@@ -320,14 +320,14 @@ class Flow:
         ended = bool(passed) and watched[course.events[-1].which].ends
         end = passed[-1].time if ended else float(times[-1])
         kept = np.isin(course.time, times) & (course.time < end) | (course.time == end)
-        states = np.array([even(state) for state in course.states.tolist()])
-        last = states[-1]
+        kept[-1] = True  # where it ended
+        states = np.array([even(state) for state in course.states[kept].tolist()])
         return Passage(
             course.time[kept],
-            states[kept, : self.count],
-            last[self.count : -2].copy(),
-            float(last[-2]),
-            float(last[-1]),
+            states[:, : self.count],
+            states[:, self.count : -2],
+            states[:, -2],
+            states[:, -1],
             passed,
             ended,
         )

@@ -291,7 +291,7 @@ def facts(history: History, limit_points: int) -> dict[str, Any]:
         row |= _named("landing_stretch", history.balloons, landed.stretch_after)
         row["landing_pressure"] = landed.pressure_after
     row |= _named("sealed_stretch", history.balloons, history.stretch[sealed])
-    row |= _named("largest_stretch", history.balloons, history.stretch.max(axis=0))
+    row |= _named("largest_stretch", history.balloons, history.extremes.largest_stretch)
     if complete:
         row["loop_work"] = history.energy_balance.electrical_work
         row |= _named("residual_stretch", history.balloons, history.stretch[-1])
@@ -300,7 +300,7 @@ def facts(history: History, limit_points: int) -> dict[str, Any]:
     lost = next((e for e in history.events if e.kind is EventKind.LOSS_OF_SPHERICITY), None)
     if lost is not None:
         row |= _named("sphericity_voltage", history.electroded, lost.voltage)
-    return row | _named("largest_field", history.electroded, np.abs(history.field).max(axis=0))
+    return row | _named("largest_field", history.electroded, history.extremes.largest_field)
 
 
 def _inflating(history: History) -> set[int]:

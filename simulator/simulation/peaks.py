@@ -1,0 +1,167 @@
+"""Where stretches, fields and margins are largest or smallest on a branch, between its ends.
+
+A quantity is largest where its slope along the path changes its sign. That is looked for on the branch in
+outline, and polished on the branch itself. The states are exact to rounding, and do not depend on where
+samples are taken. A branch is looked at once, however often a history passes along it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from operator import itemgetter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.model.conditions import COMPLEX_STEP
+from simulator.model.drive import AffineDrive, SineDrive, Waveform
+from simulator.model.elastomers import Number
+from simulator.model.equations import State
+from simulator.model.groups import Group
+from simulator.model.membranes import AnyMembrane
+from simulator.model.strength import Strength
+from simulator.simulation.atlas import Response
+from simulator.simulation.parts import parts_of
+from simulator.solver import newton
+from simulator.solver.branch import Branch
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Quantity = Callable[[State], Number]
+
+_BETWEEN = 3  # states between two points of a branch at which slopes are looked at first
+_NOISE = 1e-12  # of the largest slope: its sign may be rounding
+_ROUNDS = 60
+_CLOSE = 1e-9  # of the width of an interval: a value is off by the square of that
+
+
+def quantities(group: Group) -> list[Quantity]:
+    """What is largest or smallest somewhere: all stretches, all fields, and fields over strengths."""
+    found: list[Quantity] = []
+    films = zip(group.equations.membranes, group.strengths, strict=True)
+    for place, (membrane, strength) in enumerate(films):
+        found.append(itemgetter(place))
+        if membrane.drive is not None:
+            found.append(partial(_field, place, membrane))
+            if strength is not None:
+                found.append(partial(_share, place, membrane, strength))
+    return found
+
+
+def _field(place: int, membrane: AnyMembrane, y: State) -> Number:
+    return membrane.field(y[place], y[-1])
+
+
+def _share(place: int, membrane: AnyMembrane, strength: Strength, y: State) -> Number:
+    return membrane.field(y[place], y[-1]) / strength.at(y[place])
+
+
+def _off(group: Group, states: FloatArray) -> FloatArray:
+    """The v at which a field is zero, among states (n_unknowns, n) in order: there its size is smallest."""
+    found: list[float] = []
+    low, high = states[-1, 0], states[-1, -1]
+    for membrane in group.equations.membranes:
+        drive = membrane.drive
+        if isinstance(drive, AffineDrive) and drive.rate:
+            found.append(-drive.offset / drive.rate)
+        elif isinstance(drive, SineDrive) and abs(drive.mean) < abs(drive.amplitude):
+            turn = math.asin(-drive.mean / drive.amplitude) / (2.0 * math.pi)
+            found += [(turn - drive.phase) % 1.0, (0.5 - turn - drive.phase) % 1.0]
+    return np.array([v for v in found if low < v < high])
+
+
+@dataclass
+class Peaks:
+    """What is known of the peaks of branches in a run."""
+
+    _known: dict[int, tuple[int, FloatArray]] = field(default_factory=dict)
+
+    def on_the_way(
+        self, responses: Sequence[Response], waveform: Waveform, numbers: Callable[[FloatArray], IntArray]
+    ) -> FloatArray:
+        """The fractions of a leg at which something is largest or smallest, in order.
+
+        Of those in which a branch is in the same state again, the first in every cycle.
+
+        Parameters
+        ----------
+        responses : sequence of Response
+        waveform : Waveform
+        numbers : callable
+            Which cycles some fractions of the leg belong to.
+        """
+        found: dict[tuple[int, float, int], float] = {}
+        for response in responses:
+            for part in parts_of(response, waveform):
+                for v in self.of(response.group, part.branch).tolist():
+                    pieces = part.passing(v)
+                    cycles = numbers(0.5 * (waveform.fractions[pieces] + waveform.fractions[pieces + 1]))
+                    for first in np.unique(cycles, return_index=True)[1].tolist():
+                        fraction = waveform.when(int(pieces[first]), v)
+                        found.setdefault((id(part.branch), v, int(cycles[first])), fraction)
+        return np.array(sorted(found.values()))
+
+    def of(self, group: Group, branch: Branch) -> FloatArray:
+        """The values of v at which something is largest or smallest on a branch, as far as it is known."""
+        size = branch.states.shape[1]
+        known = self._known.get(id(branch))
+        if known is None or known[0] != size:
+            known = size, _peaks(group, branch) if size > 1 else np.empty(0)
+            self._known[id(branch)] = known
+        return known[1]
+
+
+def _peaks(group: Group, branch: Branch) -> FloatArray:
+    """The v at which something is largest or smallest on a branch, rising."""
+    states, ahead = branch.outline(_BETWEEN), branch.headings(_BETWEEN)
+    v, places, which = states[-1], [], []
+    stepped = states + 1j * COMPLEX_STEP * ahead
+    found = quantities(group)
+    for number, quantity in enumerate(found):
+        slopes = np.imag(quantity(stepped)) / COMPLEX_STEP
+        size = np.abs(slopes).max()
+        if not size > _NOISE * np.abs(quantity(states)).max():
+            continue
+        sure = np.flatnonzero(np.abs(slopes) > _NOISE * size)
+        changes = np.flatnonzero(slopes[sure[1:]] * slopes[sure[:-1]] < 0.0)
+        places += [(sure[k], sure[k + 1]) for k in changes.tolist()]
+        which += [number] * changes.size
+    if not places:
+        return _off(group, states)
+    low, high = v[np.array(places)].T
+    turns = _polished(branch, [found[number] for number in which], low, high)
+    return np.unique(np.concatenate([turns, _off(group, states)]))
+
+
+def _polished(branch: Branch, chosen: Sequence[Quantity], low: FloatArray, high: FloatArray) -> FloatArray:
+    """Where the slopes of n quantities vanish, each between two v: regula falsi, as of Illinois.
+
+    Where a slope has the same sign at both ends of the branch itself there is nothing to be found, and what
+    is returned is just another state between them.
+    """
+    accuracy = _CLOSE * (high - low)
+    first, last = _slopes(branch, chosen, low), _slopes(branch, chosen, high)
+    before = high
+    for _ in range(_ROUNDS):
+        between = np.where(first * last < 0.0, last - first, np.inf)
+        middle = np.where(np.isfinite(between), (low * last - high * first) / between, 0.5 * (low + high))
+        slope = _slopes(branch, chosen, middle)
+        if (np.abs(middle - before) <= accuracy).all() or not slope.any():
+            break
+        same = slope * first > 0.0
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+        first, last = np.where(same, slope, 0.5 * first), np.where(same, 0.5 * last, slope)
+        before = middle
+    return middle
+
+
+def _slopes(branch: Branch, chosen: Sequence[Quantity], v: FloatArray) -> FloatArray:
+    """How n quantities change along the path, each at a v of its own."""
+    states = branch.solved(v)
+    forward = np.zeros_like(states)
+    forward[-1] = 1.0
+    stepped = states + 1j * COMPLEX_STEP * newton.tangents(branch.equations, states, forward)
+    return np.array([np.imag(of(stepped[:, k])) for k, of in enumerate(chosen)]) / COMPLEX_STEP
