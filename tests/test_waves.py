@@ -440,7 +440,8 @@ def test_until_stops_a_wave(wave, value):
     expected = 0.2 + 0.15 * np.cos(2 * np.pi * turns) if wave == "sine" else 0.05 + 0.3 * share
     assert history.voltage[-1, 1] == pytest.approx(expected, abs=1e-13)
     times = history.time[history.step == 3]
-    assert np.diff(times[-10:]) == pytest.approx([(stop.time - 2.0) / 10] * 9, rel=1e-9)
+    grid = 2.0 + 0.2 * np.arange(1, 10 * turns)
+    assert np.abs(times[:, None] - grid).min(axis=0).max(initial=0.0) < 1e-12
     passed = full.stretch[(full.step == 3) & (full.time > 2.0) & (full.time < stop.time), 1] - value
     assert np.all(passed > 0.0) or np.all(passed < 0.0)
     unreached = run(actuators(*start, {**waves[wave], "until": {"stretch": {"a": 3.0}}}, passive=1))

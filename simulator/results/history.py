@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.events import SHAPE_EVENTS, EventKind, Outcome
+from simulator.results.balance import EnergyBalance, SolverStatistics
 from simulator.results.cycles import Closest, Cycle, Extremes
 from simulator.results.equality import same
 
@@ -92,28 +93,6 @@ class Event:
 
 
 @dataclass(frozen=True)
-class EnergyBalance:
-    """The energy balance of a history, in units of 4πR²Hμ; see `docs/physics.md`.
-
-    `electrical_work` is ∫Σφ dq, `gas_work` is ∫p dV of the supply while the valve is open,
-    `stored` the change of Π + Σφq, `dissipated` what the jumps lost. `imbalance` is what is left
-    over, `exchanged` the work that went to and fro (∫|·|), against which it is to be judged.
-    """
-
-    electrical_work: float
-    gas_work: float
-    stored: float
-    dissipated: float
-    imbalance: float
-    exchanged: float
-
-    @property
-    def relative_imbalance(self) -> float:
-        """|imbalance| over the work exchanged; 0 where nothing was exchanged."""
-        return abs(self.imbalance) / self.exchanged if self.exchanged else 0.0
-
-
-@dataclass(frozen=True)
 class Verdict:
     """How close a film with a dielectric strength came to breakdown.
 
@@ -144,19 +123,6 @@ class Stop:
     step: int
     time: float
     reached: str | None
-
-
-@dataclass(frozen=True)
-class SolverStatistics:
-    """What the run cost."""
-
-    ida_solves: int
-    ida_steps: int
-    residual_calls: int
-    jacobian_calls: int
-    branches: int
-    snaps: int
-    seconds: float
 
 
 @dataclass(frozen=True, repr=False, eq=False)

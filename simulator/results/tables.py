@@ -55,7 +55,7 @@ def events_table(history: History) -> pd.DataFrame:
 
 def cycles_table(history: History) -> pd.DataFrame:
     """The cycles of a history as a pandas table, one row each; columns as in `cycle_columns`."""
-    return _table(cycle_columns(history))
+    return table(cycle_columns(history))
 
 
 def curve_table(curve: Curve) -> pd.DataFrame:

@@ -67,11 +67,13 @@ def sample_fractions(
 def _grid(output: Output, periods: float, lasts: float, last: float) -> FloatArray:
     """What `[output]` asks for: points of every cycle of a wave, or spread over what is played of a step."""
     if output.every is not None:
-        return np.arange(math.floor(last * lasts / output.every * (1.0 + _ONE)) + 1) * (output.every / lasts)
+        return np.arange(math.floor(last * lasts / output.every * (1.0 + _ONE)) + 1.0) * (
+            output.every / lasts
+        )
     if periods <= 1.0:
-        return np.asarray(np.linspace(0.0, last, output.points), dtype=np.float64)
+        return np.linspace(0.0, last, output.points)
     intervals = (output.points - 1) * periods
-    return np.arange(math.floor(last * intervals * (1.0 + _ONE)) + 1) / intervals
+    return np.arange(math.floor(last * intervals * (1.0 + _ONE)) + 1.0) / intervals
 
 
 def _corners(leg: Leg) -> FloatArray:
