@@ -332,10 +332,10 @@ def _book(landscape: Landscape, books: Books, passage: Passage) -> None:
     for place, (group, branch) in enumerate(
         zip(landscape.setting.groups, passage.stay.branches, strict=True)
     ):
-        books.along_branch(branch, passage.start, passage.end)
+        books.along_branch(group, branch, passage.start, passage.end)
         exit = None if departure is None else departure.exits.get(place)
         if exit is not None and exit.rest is not None and not exit.runs_away:
-            books.at_once(group.equations, exit.before, exit.rest.state, exit.dissipated)
+            books.at_once(group, exit.before, exit.rest.state, exit.dissipated)
 
 
 def _no_path(balloons: int) -> UnloadedPath:
