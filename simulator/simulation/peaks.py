@@ -77,7 +77,7 @@ def _off(group: Group, states: FloatArray) -> FloatArray:
 class Peaks:
     """What is known of the peaks of branches in a run."""
 
-    _known: dict[int, tuple[int, FloatArray]] = field(default_factory=dict)
+    _known: dict[int, tuple[Branch, int, FloatArray]] = field(default_factory=dict)
 
     def on_the_way(
         self, responses: Sequence[Response], waveform: Waveform, numbers: Callable[[FloatArray], IntArray]
@@ -108,10 +108,10 @@ class Peaks:
         """The values of v at which something is largest or smallest on a branch, as far as it is known."""
         size = branch.states.shape[1]
         known = self._known.get(id(branch))
-        if known is None or known[0] != size:
-            known = size, _peaks(group, branch) if size > 1 else np.empty(0)
+        if known is None or known[0] is not branch or known[1] != size:  # a copy of a run has other branches
+            known = branch, size, _peaks(group, branch) if size > 1 else np.empty(0)
             self._known[id(branch)] = known
-        return known[1]
+        return known[2]
 
 
 def _peaks(group: Group, branch: Branch) -> FloatArray:
