@@ -147,6 +147,18 @@ def test_the_drive_is_along_the_line_of_the_scenarios_steps():
     assert only.share.tolist() == [1.0, 0.0]
 
 
+def test_states_that_no_way_leads_to_have_no_order_of_balloons():
+    document = load_scenario(FIVE).to_dict()
+    document["balloon"] = [document["balloon"][i] for i in (0, 3, 4)]
+    mirrored = {**document, "balloon": document["balloon"][::-1]}
+    one = states(document, every=True)
+    other = states(mirrored, every=True)
+    assert sum(not state.reachable for state in one.states) > 1
+    assert [(s.low, s.high) for s in other.states] == [pytest.approx((s.low, s.high)) for s in one.states]
+    ways = [[(t.source, t.target, t.balloons) for t in graph.transitions] for graph in (one, other)]
+    assert ways[0] == ways[1]
+
+
 def test_a_range_above_zero_begins_where_a_rise_leads_to():
     graph = states(SCENARIOS / "fig5c_state_a.toml", low=0.3, high=0.6)
     assert [(s.number, s.low) for s in graph.states] == [(0, 0.3), (1, 0.3)]

@@ -163,9 +163,13 @@ def _graph(
     scenario: Scenario, landscape: Landscape, first: Stay, reached: int, *, complete: bool
 ) -> StateGraph:
     begin = landscape.setting
+    # Those that no way leads to were found in an order that depends on that of the balloons.
+    others = sorted(landscape.stays[reached:], key=lambda stay: (round(stay.low, 9), round(stay.high, 9)))
+    stays = [*landscape.stays[:reached], *others]
+    numbers = {stay.number: number for number, stay in enumerate(stays)}
     transitions = [
-        _transition(landscape, stay, departure, "up" if direction > 0.0 else "down")
-        for stay in landscape.stays
+        _transition(landscape, stay, departure, "up" if direction > 0.0 else "down", numbers)
+        for stay in stays
         for direction in (UP, DOWN)
         if (departure := landscape.departure(stay, direction)) is not None
     ]
@@ -178,7 +182,7 @@ def _graph(
         low=landscape.low,
         high=landscape.high,
         start=first.number,
-        states=tuple(_state(scenario, landscape, stay, stay.number < reached) for stay in landscape.stays),
+        states=tuple(_state(scenario, landscape, stay, i, i < reached) for i, stay in enumerate(stays)),
         transitions=tuple(transitions),
         complete=complete,
         radius=device.radius,
@@ -186,7 +190,7 @@ def _graph(
     )
 
 
-def _state(scenario: Scenario, landscape: Landscape, stay: Stay, reachable: bool) -> State:
+def _state(scenario: Scenario, landscape: Landscape, stay: Stay, number: int, reachable: bool) -> State:
     # Closer together at both ends, where stretches may run away from the voltage.
     share = 0.5 - 0.5 * np.cos(np.linspace(0.0, math.pi, _SHOWN))
     v = stay.low + share * (stay.high - stay.low)
@@ -197,10 +201,16 @@ def _state(scenario: Scenario, landscape: Landscape, stay: Stay, reachable: bool
     if scenario.shape.on_loss != "ignore":
         for group, y in zip(landscape.setting.groups, states, strict=True):
             lost |= lost_on(group, y)
-    return State(stay.number, reachable, v, stretch, pressure, lost)
+    return State(number, reachable, v, stretch, pressure, lost)
 
 
-def _transition(landscape: Landscape, stay: Stay, departure: Departure, direction: Direction) -> Transition:
+def _transition(
+    landscape: Landscape,
+    stay: Stay,
+    departure: Departure,
+    direction: Direction,
+    numbers: Mapping[int, int],
+) -> Transition:
     begin = landscape.setting
     before = [branch.state_at(departure.v) for branch in stay.branches]
     after = list(before)
@@ -215,8 +225,8 @@ def _transition(landscape: Landscape, stay: Stay, departure: Departure, directio
     stretch, pressure = begin.states([y[:, None] for y in before])
     landed, pressed = begin.states([y[:, None] for y in after])
     return Transition(
-        source=stay.number,
-        target=None if departure.target is None else departure.target.number,
+        source=numbers[stay.number],
+        target=None if departure.target is None else numbers[departure.target.number],
         direction=direction,
         kind=departure.kind,
         ending=departure.ending,

@@ -144,7 +144,8 @@ class StateGraph:
     start : int
         The state that the drive leads to from the sealed state, on its way up to `low`.
     states : tuple of State
-        By number; those that can be reached first, in the order in which a walk from the start meets them.
+        By number; those that can be reached first, in the order in which a walk from the start meets them,
+        then the others in order of their ranges.
     transitions : tuple of Transition
         In order of their sources; up before down.
     complete : bool
