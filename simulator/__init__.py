@@ -27,7 +27,9 @@ if TYPE_CHECKING:
     from simulator.results.extras import MissingExtra
     from simulator.results.files import OutputError
     from simulator.results.history import EnergyBalance, Event, History, SolverStatistics, Stop, Verdict
+    from simulator.results.loading import load_curve, load_curves, load_history
     from simulator.results.loops import Loop, Threshold
+    from simulator.results.plot.history import plot_histories
     from simulator.results.sensitivity import Sensitivity
     from simulator.results.states import State, StateGraph, Transition
     from simulator.results.unloading import UnloadedPath, Unloading, UnloadingMap
@@ -94,11 +96,15 @@ __all__ = [
     "all_sensitivities",
     "explain",
     "fold",
+    "load_curve",
+    "load_curves",
+    "load_history",
     "load_scenario",
     "load_sweep",
     "load_table",
     "loops",
     "optimize",
+    "plot_histories",
     "read_question",
     "read_sweep",
     "return_point_memory",
@@ -128,6 +134,8 @@ _NAMES = {
     "results.extras": ("MissingExtra",),
     "results.files": ("OutputError",),
     "results.history": ("EnergyBalance", "Event", "History", "SolverStatistics", "Stop", "Verdict"),
+    "results.loading": ("load_curve", "load_curves", "load_history"),
+    "results.plot.history": ("plot_histories",),
     "results.states": ("State", "StateGraph", "Transition"),
     "results.unloading": ("UnloadedPath", "Unloading", "UnloadingMap"),
     "results.sensitivity": ("Sensitivity",),

@@ -57,6 +57,20 @@ CHARGE = Dimension("a charge", "1 µC", "C", "charge", "4πR²√(εμ)")
 VOLUME = Dimension("a volume", "0.5 l", "m^3", "volume", "4πR³")
 ENERGY = Dimension("an energy", "1 mJ", "J", "energy", "4πR²Hμ")
 
+DIMENSIONS = (
+    TIME,
+    RADIUS,
+    THICKNESS,
+    MODULUS,
+    PERMITTIVITY,
+    PRESSURE,
+    VOLTAGE,
+    FIELD,
+    CHARGE,
+    VOLUME,
+    ENERGY,
+)
+
 # Of the quantities in results; a stretch becomes a radius, which depends on the balloon.
 QUANTITIES = {
     "time": TIME,
@@ -65,6 +79,7 @@ QUANTITIES = {
     "volume": VOLUME,
     "gas": ENERGY,
     "field": FIELD,
+    "strength": FIELD,
     "charge": CHARGE,
     "energy": ENERGY,
     "dissipated": ENERGY,

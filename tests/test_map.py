@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import shutil
+
 import numpy as np
 import pytest
 
+from simulator import load_scenario, load_table
 from simulator.analysis.fold import fold
 from simulator.results.history import EventKind, Outcome
-from simulator.results.plot.map import BEHAVIOURS, MapCurve, MapMark, plot_map
+from simulator.results.plot.map import BEHAVIOURS, MapCurve, MapMark, plot_lines, plot_map
 from simulator.sweep import read_sweep, run_sweep
 from simulator.sweep.picking import PickError, fold_line, mark, pick
 from tests.pairs import pair
@@ -184,3 +188,99 @@ def test_a_limit_point_of_inflation_lies_over_the_inflation_pressure(tmp_path):
     line = fold_line(str(tmp_path / "fold.csv"), "step.1.inflate", "balloon.active.radius")
     assert line.label == "limit point of the inflation"
     assert line.x * line.y == pytest.approx(np.full(line.x.size, 1.2536545513), abs=1e-9)
+
+
+VHB = "scenarios/vhb_snap.toml"
+
+
+@pytest.fixture(scope="module")
+def in_units(tmp_path_factory):
+    vary = {
+        "gas.ambient_pressure": ["100 kPa", "120 kPa"],
+        "step.2.ramp": ["3 kV", "5.5 kV"],
+    }
+    folder = tmp_path_factory.mktemp("in units")
+    scenario = {**load_scenario(VHB).to_dict(), "output": {"points": 2}}
+    run_sweep(read_sweep({"scenario": scenario, "vary": vary}), folder, executor=Here())
+    return folder
+
+
+def test_axes_and_scale_have_their_units(in_units):
+    picked = pick(in_units, X, "step.2.ramp", "landing_pressure")
+    figure = plot_map(picked.columns, X, "step.2.ramp", "landing_pressure", units=picked.units)
+    ax, bar = figure.axes
+    assert ax.get_xlabel() == "ambient pressure  [kPa]"
+    assert ax.get_ylabel() == "voltage  [kV]"
+    assert bar.get_ylabel() == "landing pressure [Pa]"
+    landings = load_table(in_units)["landing_pressure [Pa]"]
+    (cells,) = ax.collections
+    assert np.nanmax(cells.get_array()) == landings.max()
+    # At 3 kV nothing snaps: the legend says what those blank cells are.
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == [
+        "blank: the run has no landing pressure"
+    ]
+
+
+def test_a_number_has_the_prefix_that_reads_best(in_units):
+    picked = pick(in_units, X, "step.2.ramp", "largest_field_active")
+    fields = load_table(in_units)["largest_field_active [V/m]"]
+    assert picked.units["largest_field_active"] == "MV/m"
+    np.testing.assert_allclose(picked.columns["largest_field_active"], fields / 1e6, rtol=1e-15)
+
+
+def test_a_fold_is_drawn_in_the_units_of_the_axes(in_units, tmp_path):
+    curve = fold(load_scenario(VHB), X, "120 kPa")
+    curve.to_csv(tmp_path)
+    picked = pick(in_units, X, "step.2.ramp", "behaviour")
+    line = fold_line(str(tmp_path / "fold.csv"), X, "step.2.ramp", picked.units)
+    scales = load_scenario(VHB).scales
+    np.testing.assert_allclose(line.x, curve.value * scales.pressure / 1e3, rtol=1e-14)
+    np.testing.assert_allclose(line.y, curve.voltage * scales.voltage / 1e3, rtol=1e-14)
+    assert line.x[-1] == pytest.approx(120.0)
+
+
+def test_one_parameter_is_drawn_as_a_line(in_units):
+    picked = pick(in_units, "step.2.ramp", None, "largest_field_active", X)
+    figure = plot_lines(picked.columns, "step.2.ramp", "largest_field_active", lines=X, units=picked.units)
+    (ax,) = figure.axes
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("voltage  [kV]", "largest field active [MV/m]")
+    assert [line.get_xdata().tolist() for line in ax.get_lines()] == [[3.0, 5.5], [3.0, 5.5]]
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert words == ["gas.ambient pressure = 100 kPa", "gas.ambient pressure = 120 kPa"]
+
+
+def test_words_over_one_parameter_are_dots_in_their_rows(in_units):
+    picked = pick(in_units, "step.2.ramp", None, "behaviour", at=[(X, "100")])
+    (ax,) = plot_lines(picked.columns, "step.2.ramp", "behaviour").axes
+    assert [text.get_text() for text in ax.get_yticklabels()] == [
+        "continuous actuation",
+        "stable snap, goes back when off",
+    ]
+    assert ax.get_lines()[0].get_ydata().tolist() == [0.0, 1.0]
+
+
+def test_an_unfinished_sweep_is_named_on_its_map(in_units, tmp_path):
+    shutil.copy(in_units / "sweep.json", tmp_path)
+    record = json.loads((tmp_path / "sweep.json").read_text())
+    (tmp_path / "sweep.json").write_text(json.dumps({**record, "chunk": 1}))
+    (tmp_path / "chunks").mkdir()
+    rows = (in_units / "sweep.csv").read_text().splitlines()
+    (tmp_path / "chunks/0000000.csv").write_text(f"{rows[1]}\n")
+    said = balloons("map", tmp_path, "--x", X, "--y", "step.2.ramp", "--format", "svg")
+    assert "unfinished: 1 of 4 runs are drawn" in said.stdout
+    assert pick(tmp_path, X, "step.2.ramp", "behaviour").unfinished == "1 of 4 runs"
+    assert [path.name for path in tmp_path.glob("map.*")] == ["map.svg"]
+    assert "unfinished" not in balloons("map", in_units, "--x", X, "--y", "step.2.ramp").stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--x", X, "--fold", "fold.csv"], "--fold: goes with --y"),
+        (["--x", X, "--y", "step.2.ramp", "--out", "map.gif"], "--out map.gif: must end in .png, .svg, .pdf"),
+        (["--x", X, "--y", "step.2.ramp", "--out", "map.png", "--format", "pdf"], "must end in .pdf"),
+    ],
+)
+def test_options_that_do_not_go_together(in_units, words, told):
+    result = balloons("map", in_units, "--at", "step.2.ramp=3", *words)
+    assert (result.exit_code, told in result.stderr) == (2, True), result.stderr

@@ -2,16 +2,32 @@
 
 from __future__ import annotations
 
+import dataclasses
+from pathlib import Path
+
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from simulator import load_scenario, simulate, trace
+from simulator import (
+    OutputError,
+    fold,
+    load_curve,
+    load_curves,
+    load_history,
+    load_scenario,
+    plot_histories,
+    read_sweep,
+    simulate,
+    trace,
+    trace_inflation,
+)
 from simulator.results.html import curve_html, history_html
-from simulator.results.plot import plot_histories
+from simulator.results.tables import write_curves
 from tests.histories import cycled_pair
 from tests.pairs import pair
 
+SCENARIOS = Path("scenarios")
 SNAP = "scenarios/fig3c_state_b.toml"
 
 
@@ -101,3 +117,89 @@ def test_several_histories_in_one_panel(history):
     assert {"#0072B2", "#D55E00"} <= colours
     with pytest.raises(ValueError, match="1 labels for 2 histories"):
         plot_histories([history, other], labels=["one"])
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "vhb_snap",
+        "breakdown_acrylic",
+        "fig2_inflation",
+        "delayed_snap",
+        "until_snap",
+        "push_pull",
+        "liquid_pair",
+    ],
+)
+def test_a_history_that_was_written_is_read_back_exactly(name, tmp_path):
+    history = simulate(SCENARIOS / f"{name}.toml")
+    history.to_csv(tmp_path)
+    again = load_history(tmp_path)
+    assert again == history
+    assert again.statistics == history.statistics
+    for field in dataclasses.fields(history):  # down to the last type
+        one, other = getattr(history, field.name), getattr(again, field.name)
+        assert type(one) is type(other), field.name
+        if isinstance(one, np.ndarray):
+            assert (one.dtype, one.shape) == (other.dtype, other.shape), field.name
+
+
+def test_histories_that_are_not_there(tmp_path, history):
+    with pytest.raises(OutputError, match=r"cannot read .*run\.json.*: no such file"):
+        load_history(tmp_path)
+    history.to_csv(tmp_path)
+    (tmp_path / "history.csv").write_text("time,step\n0,1\n")
+    with pytest.raises(OutputError, match="no history in"):
+        load_history(tmp_path)
+    (tmp_path / "run.json").write_text("{")
+    with pytest.raises(OutputError, match="cannot read"):
+        load_history(tmp_path)
+    with pytest.raises(OutputError, match=r"cannot read .*trace\.json"):
+        load_curve(tmp_path)
+
+
+def test_paths_are_read_back_exactly(tmp_path):
+    scenario = load_scenario(SCENARIOS / "vhb_snap.toml")
+    for curve in (trace(scenario), trace_inflation(scenario)):
+        curve.to_csv(tmp_path)
+        assert load_curve(tmp_path) == curve
+        assert (load_curve(tmp_path).scales, load_curve(tmp_path).ida_steps) == (
+            curve.scales,
+            curve.ida_steps,
+        )
+    write_curves([curve, curve], tmp_path)
+    assert load_curves(tmp_path) == (curve, curve)
+    with pytest.raises(OutputError, match="holds 2 paths"):
+        load_curve(tmp_path)
+
+
+def test_events_have_si_values():
+    history = simulate(SCENARIOS / "vhb_snap.toml")
+    snap, scales = history.mechanical[0], history.scenario.scales
+    assert snap.si("voltage") == pytest.approx(snap.voltage * scales.voltage, rel=1e-15)
+    assert snap.si("pressure_after") == pytest.approx(snap.pressure_after * scales.pressure, rel=1e-15)
+    assert snap.si("dissipated") == pytest.approx(snap.dissipated * scales.energy, rel=1e-15)
+    assert repr(snap) == "<Event limit_point at time 34.08 s, voltage [4.41467 kV]>"
+    for quantity in ("stretch_before", "nothing", "kind"):
+        with pytest.raises(KeyError):
+            snap.si(quantity)
+    with pytest.raises(KeyError, match="no \\[scales\\]"):
+        dataclasses.replace(snap, scales=None).si("voltage")
+
+
+def test_everything_has_one_line_of_its_own():
+    scenario = load_scenario(SCENARIOS / "fig3c_state_b.toml")
+    title = "'Fig. 3c, state B: a snap and its way back'"
+    assert repr(scenario) == f"<Scenario {title}: balloons active, passive; 4 steps>"
+    assert "<li>inflate = 1.2</li>" in scenario._repr_html_()
+    sweep = read_sweep({"scenario": scenario.to_dict(), "vary": {"step.1.inflate": [1.0, 1.1]}})
+    assert repr(sweep) == f"<Sweep {title}: 2 runs, grid over step.1.inflate>"
+    limit = fold(scenario, "gas.ambient_pressure", 0.02)
+    assert repr(limit).startswith(f"<FoldCurve {title}: ")
+    assert limit == fold(scenario, "gas.ambient_pressure", 0.02)
+
+
+def test_a_path_in_axes_of_ones_own():
+    curve, ax = trace(SCENARIOS / "fig3c_state_b.toml"), Figure().add_subplot()
+    assert curve.plot(ax=ax) is ax
+    assert ax.get_xlabel() == "voltage on active  Φ√(ε/μ)/H"

@@ -321,7 +321,7 @@ def test_columns_of_a_path():
 def test_files_of_a_path_read_back_exactly(tmp_path):
     curve = trace(scenario("3c_b"))
     paths = curve.to_csv(tmp_path)
-    assert [path.name for path in paths] == ["curve.csv", "points.csv"]
+    assert [path.name for path in paths] == ["curve.csv", "points.csv", "trace.json"]
     assert b",true\n" in paths[0].read_bytes()
     pd.testing.assert_frame_equal(pd.read_csv(paths[0], **EXACT), curve.to_dataframe(), check_exact=True)
     pd.testing.assert_frame_equal(
@@ -392,7 +392,7 @@ def test_trace_writes_two_tables_where_it_says(tmp_path, monkeypatch):
     assert "0.360441" in done.stdout
     assert "end      loss of tension; " in done.stdout
     folder = tmp_path / "results/fig3c_state_b-trace"
-    assert sorted(path.name for path in folder.iterdir()) == ["curve.csv", "points.csv"]
+    assert sorted(path.name for path in folder.iterdir()) == ["curve.csv", "points.csv", "trace.json"]
 
 
 def test_trace_quiet_with_a_picture(tmp_path):

@@ -15,6 +15,7 @@ import typer
 
 from simulator.cli.endings import BAD_INPUT, SOLVER_FAILED, errors_reported, fail
 from simulator.cli.options import Quiet, SweepArgument, results_option
+from simulator.cli.pictures import Format, FormatOption, draw
 from simulator.cli.summary import print_files
 
 
@@ -73,12 +74,16 @@ def sweep(
 def draw_map(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Results of a sweep.", show_default=False)],
     x: Annotated[str, typer.Option("--x", metavar="KEY", help="What goes to the right.", show_default=False)],
-    y: Annotated[str, typer.Option("--y", metavar="KEY", help="What goes up.", show_default=False)],
+    y: Annotated[
+        str | None,
+        typer.Option("--y", metavar="KEY", help="What goes up; without it: lines.", show_default=False),
+    ] = None,
     color: Annotated[
         str, typer.Option("--color", metavar="COLUMN", help="What is shown: categories or numbers.")
     ] = "behaviour",
     panels: Annotated[
-        str | None, typer.Option(metavar="KEY", help="One map for each value of it.", show_default=False)
+        str | None,
+        typer.Option(metavar="KEY", help="One map, or line, for each value of it.", show_default=False),
     ] = None,
     at: Annotated[
         list[str] | None,
@@ -101,40 +106,62 @@ def draw_map(
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="The picture.", show_default="DIR/map.png")
     ] = None,
+    form: FormatOption = None,
     title: Annotated[
         str | None, typer.Option(metavar="TEXT", help="Its title.", show_default="that of the sweep")
     ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Draw a sweep as a map: what happens, or any other column, over two of its keys."""
-    from simulator.results.files import write_files
-    from simulator.sweep.picking import fold_line, pick
+    from simulator.sweep.picking import PickError, fold_line, pick
     from simulator.sweep.picking import mark as point
 
-    picture = directory / "map.png" if out is None else out
+    picture = _picture(directory, out, form)
     with errors_reported():
         held = [(key, value) for key, _, value in (text.partition("=") for text in at or ())]
         picked = pick(directory, x, y, color, panels, held)
-        lines = [fold_line(text, x, y) for text in fold or ()]
+        if y is None and (fold or mark):
+            raise PickError(f"{'--fold' if fold else '--mark'}: goes with --y")
+        lines = [fold_line(text, x, str(y), picked.units) for text in fold or ()]
         points = [point(text) for text in mark or ()]
+        name = picked.title if title is None else title
+        heading = f"{name}\n(unfinished: {picked.unfinished})" if picked.unfinished else name
 
-        from simulator.results.plot.map import MapCurve, MapMark, plot_map
-        from simulator.results.plot.style import png
+        def figure() -> object:
+            from simulator.results.plot.map import MapCurve, MapMark, plot_lines, plot_map
 
-        figure = plot_map(
-            picked.columns,
-            x,
-            y,
-            color,
-            panels=panels,
-            curves=[MapCurve(line.x, line.y, line.label, line.panel) for line in lines],
-            marks=[MapMark(*words) for words in points],
-            log=picked.log,
-            title=picked.title if title is None else title,
-        )
-        write_files(picture.parent, {picture.name: png(figure)})
-    if not quiet:
-        print_files([picture])
+            if y is None:
+                return plot_lines(
+                    picked.columns, x, color, lines=panels, log=picked.log, title=heading, units=picked.units
+                )
+            return plot_map(
+                picked.columns,
+                x,
+                y,
+                color,
+                panels=panels,
+                curves=[MapCurve(line.x, line.y, line.label, line.panel) for line in lines],
+                marks=[MapMark(*words) for words in points],
+                log=picked.log,
+                title=heading,
+                units=picked.units,
+            )
+
+        drawn = draw(picture.parent, picture.name, figure)
+    if not quiet and drawn:
+        print_files(drawn)
+        if picked.unfinished:
+            print(f"         unfinished: {picked.unfinished} are drawn")
+
+
+def _picture(directory: Path, out: Path | None, form: Format | None) -> Path:
+    """Where a map goes, and by its suffix as what; leaves with exit code 2 where the two disagree."""
+    picture = directory / f"map.{form or Format.PNG}" if out is None else out
+    known = [f".{each}" for each in Format]
+    if picture.suffix not in known or (form is not None and picture.suffix != f".{form}"):
+        allowed = f".{form}" if form is not None else ", ".join(known)
+        fail(f"--out {picture}: must end in {allowed}", BAD_INPUT)
+    return picture
 
 
 def optimize(

@@ -50,6 +50,7 @@ COLUMNS: Mapping[str, Meaning] = MappingProxyType(
         "energy": Meaning("the potential Π", "4πR²Hμ"),
         "stability": Meaning("smallest eigenvalue of the Hessian of Π; negative is unstable", "4πR²Hμ"),
         "stable": Meaning("whether no direction is unstable; a limit point belongs to the part before it"),
+        "strength": Meaning("dielectric strength E_b of the film of a balloon", "√(μ/ε)"),
         "margin": Meaning("1 − |E|/E_b of a film with a strength; 0 is breakdown"),
         "sphericity": Meaning("how far a balloon is from turning into a pear, s of docs/shape.md", "μ"),
         "spheres": Meaning("whether every balloon is a sphere, or would stay one"),
@@ -98,6 +99,7 @@ def history_columns(history: History) -> Columns:
         **_by_name("charge", history.electroded, history.charge),
         "energy": history.energy,
         "stability": history.stability,
+        **_by_name("strength", history.rated, history.strength),
         **_by_name("margin", history.rated, history.margin),
         **(_by_name("sphericity", history.balloons, history.sphericity) if history.sphericity.size else {}),
     }

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     import pandas as pd
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from simulator.units import Dimension, Scales
@@ -154,7 +155,7 @@ class Curve:
         return points_table(self)
 
     def to_csv(self, directory: str | PathLike[str]) -> list[Path]:
-        """Write `curve.csv` and `points.csv` into a directory, created if need be; return their paths.
+        """Write `curve.csv`, `points.csv` and `trace.json` into a directory; return their paths.
 
         Raises OutputError if it cannot be made or written to.
         """
@@ -162,14 +163,21 @@ class Curve:
 
         return write_curves([self], directory)
 
-    def plot(self) -> Figure:
-        """Draw stretch against voltage, stable solid, unstable dashed, special points marked."""
-        from simulator.results.plot import plot_curves
+    @overload
+    def plot(self) -> Figure: ...
+    @overload
+    def plot(self, ax: Axes) -> Axes: ...
+    def plot(self, ax: Axes | None = None) -> Figure | Axes:
+        """Draw stretch against voltage, stable solid, unstable dashed, special points marked.
 
-        return plot_curves([self])
+        Into axes of one's own, without a legend, or as a whole figure.
+        """
+        from simulator.results.plot import plot_curves, plot_paths
+
+        return plot_curves([self]) if ax is None else plot_paths([self], ax)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False, eq=False)
 class FoldCurve:
     """A limit point, or where a balloon stops being a sphere, as one number of the scenario changes.
 
@@ -216,6 +224,15 @@ class FoldCurve:
 
     def __len__(self) -> int:
         return int(self.value.size)
+
+    def __repr__(self) -> str:
+        return f"<FoldCurve {self.title!r}: {len(self):,} points over {self.parameter}; {self.end}>"
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, FoldCurve) and same(self, other)
+
+    def __hash__(self) -> int:
+        return hash((self.parameter, len(self), self.end))
 
     def to_dataframe(self) -> pd.DataFrame:
         """The points as a table, one row each; columns as in `fold.csv` (`docs/results.md`)."""

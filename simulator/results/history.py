@@ -18,6 +18,7 @@ from simulator.events import SHAPE_EVENTS, EventKind, Outcome
 from simulator.results.balance import EnergyBalance, SolverStatistics
 from simulator.results.cycles import Closest, Cycle, Extremes
 from simulator.results.equality import same
+from simulator.results.event import Event
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -40,56 +41,6 @@ PANELS = ("voltage", "pressure", "stretch", "field", "margin", "loop", "charge")
 """What a picture of a history may show, see `History.plot`."""
 
 _BROKEN = 1e-9  # a margin that is zero to the accuracy of a flow
-
-
-@dataclass(frozen=True, repr=False, eq=False)
-class Event:
-    """One event with both sides of its jump; the `after` side is None where the history ends.
-
-    Attributes
-    ----------
-    time, step, kind
-        When, in which step (from 1, cycles unrolled), and what.
-    voltage : (n_electroded,) array
-        Voltages after the event. Only a `jump` changes them, and any event where charges are given. A valve
-        opened on a state that the shared gas alone held is a `jump` that leaves them as they are.
-    stretch_before, stretch_after : (n_balloons,) arrays
-    pressure_before, pressure_after : float
-    field_before, field_after : (n_electroded,) arrays
-        True electric fields.
-    dissipated : float or None
-        Potential lost in the jump, Π before − Π after at the drive of the event. None where there
-        is no after side.
-    balloon, mode : str or None
-        Of an event of a balloon's shape: which balloon, and what it would turn into, "pear" or "shear".
-    cycle : int
-        In which cycle, from 1; 0 outside of cycles.
-    """
-
-    time: float
-    step: int
-    kind: EventKind
-    voltage: FloatArray
-    stretch_before: FloatArray
-    stretch_after: FloatArray | None
-    pressure_before: float
-    pressure_after: float | None
-    field_before: FloatArray
-    field_after: FloatArray | None
-    dissipated: float | None
-    balloon: str | None = None
-    mode: str | None = None
-    cycle: int = 0
-
-    def __repr__(self) -> str:
-        place = ", ".join(f"{v:.6g}" for v in self.voltage)
-        return f"<Event {self.kind.value} at time {self.time:.6g}, voltage [{place}]>"
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Event) and same(self, other)
-
-    def __hash__(self) -> int:
-        return hash((self.time, self.step, self.kind))
 
 
 @dataclass(frozen=True)
@@ -197,6 +148,13 @@ class History:
     )
     closest: tuple[Closest, ...] = ()
     cycles: tuple[Cycle, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Tell the events what their numbers are multiples of."""
+        scales = self.scenario.scales
+        if scales is not None and any(event.scales is None for event in self.events):
+            told = tuple(dataclasses.replace(event, scales=scales) for event in self.events)
+            object.__setattr__(self, "events", told)
 
     def __len__(self) -> int:
         return int(self.time.size)

@@ -6,13 +6,14 @@ import math
 import platform
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from simulator.events import Outcome
+from simulator.results.plain_data import encoded
 
 if TYPE_CHECKING:
     from simulator.results.history import History
@@ -68,6 +69,7 @@ def run_record(history: History, failure: str | None = None) -> dict[str, Any]:
         "elastomers": history.elastomers,
         "energy_balance": {**asdict(balance), "relative_imbalance": balance.relative_imbalance},
         "statistics": asdict(history.statistics),
+        "result": _rest(history),
         "scenario": scenario.to_dict(),
         **({"scales": scenario.scales.record()} if scenario.scales else {}),
         "versions": {
@@ -81,6 +83,13 @@ def run_record(history: History, failure: str | None = None) -> dict[str, Any]:
     }
     content: dict[str, Any] = plain(record)
     return content
+
+
+def _rest(history: History) -> dict[str, Any]:
+    """What `load_history` needs besides the tables: all that is no array and no event."""
+    tables = ("scenario", "balloons", "electroded", "events")
+    values = {field.name: getattr(history, field.name) for field in fields(history)}
+    return {n: encoded(v) for n, v in values.items() if n not in tables and not isinstance(v, np.ndarray)}
 
 
 def plain(value: Any) -> Any:

@@ -27,6 +27,7 @@ from simulator.results.columns import (
 )
 from simulator.results.csv_text import Columns, write_csv
 from simulator.results.files import write_files
+from simulator.results.plain_data import encoded
 from simulator.results.record import run_record
 
 if TYPE_CHECKING:
@@ -38,7 +39,8 @@ if TYPE_CHECKING:
 
 RUN_FILES = ("history.csv", "events.csv", "run.json")
 CYCLES_FILE = "cycles.csv"
-TRACE_FILES = ("curve.csv", "points.csv")
+TRACE_RECORD = "trace.json"
+TRACE_FILES = ("curve.csv", "points.csv", TRACE_RECORD)
 FOLD_FILE = "fold.csv"
 SENSITIVITIES_FILE = "sensitivities.csv"
 
@@ -108,7 +110,7 @@ def write_run(
 
 
 def write_curves(curves: Sequence[Curve], directory: str | os.PathLike[str]) -> list[Path]:
-    """Write `curve.csv` and `points.csv` of equilibrium paths into a directory, both or none.
+    """Write `curve.csv`, `points.csv` and `trace.json` of equilibrium paths into a directory, all or none.
 
     Parameters
     ----------
@@ -126,8 +128,9 @@ def write_curves(curves: Sequence[Curve], directory: str | os.PathLike[str]) -> 
     OutputError
         As `write_files`.
     """
-    tables = zip(TRACE_FILES, (curve_columns(curves), point_columns(curves)), strict=True)
-    return write_files(directory, _as_csv(dict(tables)))
+    tables = _as_csv({"curve.csv": curve_columns(curves), "points.csv": point_columns(curves)})
+    text = json.dumps({"curves": encoded(list(curves))}, ensure_ascii=False, allow_nan=False)
+    return write_files(directory, {**tables, TRACE_RECORD: f"{text}\n".encode()})
 
 
 def write_fold(curve: FoldCurve, directory: str | os.PathLike[str]) -> list[Path]:

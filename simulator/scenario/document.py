@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
+from html import escape
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, PrivateAttr, TypeAdapter, ValidationError
@@ -53,6 +54,23 @@ class Scenario(Frozen):
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Scenario) and dict(self) == dict(other)
+
+    def __repr__(self) -> str:
+        names = ", ".join(balloon.name for balloon in self.balloons)
+        count = len(self.steps)
+        return f"<Scenario {self.title!r}: balloons {names}; {count} step{'' if count == 1 else 's'}>"
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        walls = "".join(
+            f"<tr><td>{escape(b.name)}</td><td>{escape(b.elastomer.words)}</td>"
+            f"<td>{'electrodes' if b.electrodes else ''}</td></tr>"
+            for b in self.balloons
+        )
+        steps = [dict(step.model_dump(mode="json", by_alias=True, exclude_unset=True)) for step in self.steps]
+        lines = "".join(f"<li>{escape(_words(step))}</li>" for step in steps)
+        return f"<h4>{escape(self.title)}</h4><table>{walls}</table><ol>{lines}</ol>"
 
     @property
     def file(self) -> str:
@@ -151,6 +169,12 @@ class Scenario(Frozen):
         `load_scenario(scenario.to_dict()) == scenario`, but for elastomers made in Python, only named there.
         """
         return self.model_dump(mode="json", by_alias=True, exclude_unset=True)
+
+
+def _words(step: Mapping[str, Any]) -> str:
+    """A step in one line, cut where it is long."""
+    text = ", ".join(f"{key} = {value}" for key, value in step.items())
+    return text if len(text) <= 100 else f"{text[:99]}…"
 
 
 # A scenario, or what `load_scenario` makes one of.

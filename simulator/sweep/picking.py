@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,9 @@ from numpy.typing import NDArray
 
 from simulator.scenario.mapping import near
 from simulator.sweep.loading import load_columns
+from simulator.sweep.measures import quantity
 from simulator.sweep.storage import read_record
+from simulator.units import DIMENSIONS, prefixed, read_si
 
 
 class PickError(ValueError):
@@ -23,11 +26,26 @@ class PickError(ValueError):
 
 @dataclass(frozen=True)
 class Picked:
-    """The rows of a map, and which of its axes are logarithmic."""
+    """The rows of a map.
+
+    Attributes
+    ----------
+    title : str
+    columns : mapping of str to (n,) array
+        In their units, results with a prefix where that reads better.
+    log : set of str
+        Which of its axes are logarithmic.
+    units : mapping of str to str
+        Of the columns that have one.
+    unfinished : str
+        How much of the sweep is there, in words; "" for all of it.
+    """
 
     title: str
     columns: Mapping[str, NDArray[Any]]
     log: frozenset[str]
+    units: Mapping[str, str]
+    unfinished: str
 
 
 @dataclass(frozen=True)
@@ -43,18 +61,18 @@ class FoldLine:
 def pick(
     directory: Path,
     x: str,
-    y: str,
+    y: str | None,
     color: str,
     panels: str | None = None,
     at: Sequence[tuple[str, str]] = (),
 ) -> Picked:
-    """The rows of a sweep for a map of `color` over `x` and `y`.
+    """The rows of a sweep for a map of `color` over `x` and `y`, or without `y` for lines over `x`.
 
     Parameters
     ----------
     directory : Path
     x, y, color, panels : str
-        Columns; on a grid all but `color` are keys that are varied.
+        Columns; on a grid all but `color` are keys that are varied. `y` and `panels` may be None.
     at : sequence of (key, value)
         Keys of a grid that are held at one of their values.
 
@@ -67,7 +85,8 @@ def pick(
     """
     record = read_record(directory)
     kinds: dict[str, str] = record["columns"]
-    wanted = {"--x": x, "--y": y, "--color": color, **({"--panels": panels} if panels else {})}
+    options = {"--x": x, "--y": y, "--color": color, "--panels": panels}
+    wanted = {option: name for option, name in options.items() if name is not None}
     for option, name in wanted.items():
         if name not in kinds:
             raise PickError(
@@ -92,13 +111,19 @@ def pick(
             )
     elif at:
         raise PickError(f"--at {at[0][0]}: goes with a grid, {directory} holds samples")
-    names = dict.fromkeys(wanted.values())
     vary = record["definition"]["vary"]
-    return Picked(
-        record["title"],
-        {name: table[name].to_numpy() for name in names},
-        frozenset(name for name in (x, y) if _is_log(vary.get(name))),
-    )
+    columns = {name: table[name].to_numpy() for name in dict.fromkeys(wanted.values())}
+    units = {name: unit for name, unit in record["units"].items() if name in columns}
+    for name in columns:
+        dimension = quantity(name)
+        if dimension is not None and name in units:
+            sizes = np.abs(columns[name][np.isfinite(columns[name])])
+            size, units[name] = prefixed(dimension, float(np.median(sizes)) if sizes.size else 0.0)
+            columns[name] = columns[name] / size
+    there = len(load_columns(directory))
+    unfinished = f"{there:,} of {record['runs']:,} runs" if there < record["runs"] else ""
+    log = frozenset(name for name in (x, y) if name is not None and _is_log(vary.get(name)))
+    return Picked(record["title"], columns, log, units, unfinished)
 
 
 def _value_of(key: str, text: str, grid: Mapping[str, list[Any]]) -> Any:
@@ -124,7 +149,7 @@ def _is_log(axis: Any) -> bool:
     return bool(np.ptp(np.diff(np.log(values))) < 1e-6)
 
 
-def fold_line(text: str, x: str, y: str) -> FoldLine:
+def fold_line(text: str, x: str, y: str, units: Mapping[str, str] | None = None) -> FoldLine:
     """A curve of `balloons fold` over a map.
 
     Parameters
@@ -133,6 +158,8 @@ def fold_line(text: str, x: str, y: str) -> FoldLine:
         Path of a `fold.csv`, with `VALUE=` in front where it belongs to one panel only.
     x, y : str
         The map's keys: one is the key that was varied, the other what drives: a voltage or the inflation.
+    units : mapping of str to str
+        Of the map's keys that have one.
 
     Raises
     ------
@@ -157,11 +184,27 @@ def fold_line(text: str, x: str, y: str) -> FoldLine:
     if other is None or not re.fullmatch(rf"step\.\d+\.({kind})", other):
         has = f"{varied} and step.N.{kind.replace('|', ' or step.N.')}"
         raise PickError(f"--fold {path}: is a curve over {has}, the map is over {x} and {y}")
-    at_x, at_y = (columns[varied], drive) if varied == x else (drive, columns[varied])
+    inflated = not voltage.any()
+    value = _in_unit(path, columns, varied, (units or {}).get(varied, ""))
+    drive = _in_unit(path, columns, "pressure" if inflated else "voltage", (units or {}).get(other, ""))
+    at_x, at_y = (value, drive) if varied == x else (drive, value)
     lost = next((word for word in ("loss_of_sphericity", "sphericity_regained") if word in columns), None)
     label = lost.replace("_", " ") if lost else "limit point"
     label += " of the inflation" if not voltage.any() else ""
     return FoldLine(at_x, at_y, label, panel)
+
+
+def _in_unit(path: Path, columns: Mapping[str, NDArray[Any]], name: str, unit: str) -> NDArray[np.float64]:
+    """A column of a fold.csv in the unit of a map's axis. Raises PickError."""
+    symbols = {dimension.symbol for dimension in DIMENSIONS}
+    if not unit or unit in symbols - {"s"}:
+        return np.asarray(columns[name])
+    for title, values in columns.items():
+        for dimension in DIMENSIONS:
+            if title == f"{name} [{dimension.unit}]":
+                with suppress(ValueError):
+                    return np.asarray(values / read_si(f"1 {unit}", dimension))
+    raise PickError(f"--fold {path}: has {name} without a unit, the map has it in {unit}")
 
 
 def mark(text: str) -> tuple[float, float, str, float | None]:

@@ -143,7 +143,7 @@ class Job:
     units: Mapping[str, str] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Sweep:
     """A whole sweep, as returned by `read_sweep`.
 
@@ -162,6 +162,11 @@ class Sweep:
     job: Job
     sample: Sample | None
     definition: Mapping[str, Any]
+
+    def __repr__(self) -> str:
+        keys = " × ".join(axis.key for axis in self.axes)
+        kind = f"{self.sample.method} sample" if self.sample else "grid"
+        return f"<Sweep {self.title!r}: {self.size:,} runs, {kind} over {keys}>"
 
     @property
     def axes(self) -> tuple[Axis, ...]:

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from simulator.results.plot.style import BLACK, COLOURS, PRESSURE, VOLTAGE, in_own_style
+from simulator.results.plot.style import BLACK, COLOURS, PRESSURE, VOLTAGE, dress, in_own_style
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -95,11 +95,12 @@ def plot_map(
     marks: Sequence[MapMark] = (),
     log: frozenset[str] = frozenset(),
     title: str = "",
+    units: Mapping[str, str] | None = None,
 ) -> Figure:
     """Draw one column of a sweep over two others.
 
     A full grid is drawn as cells, anything else as dots. A text column becomes categories with a legend,
-    a number a colour scale; cells without a number stay white.
+    a number a colour scale; cells without a number stay blank, which the legend says.
 
     Parameters
     ----------
@@ -114,12 +115,15 @@ def plot_map(
     log : set of str
         Columns with a logarithmic axis.
     title : str
+    units : mapping of str to str, optional
+        Of the columns that have one.
 
     Returns
     -------
     matplotlib.figure.Figure
         Not registered with pyplot: save it with ``figure.savefig(path)``.
     """
+    units = units or {}
     shown: list[Any] = [None] if panels is None else list(dict.fromkeys(columns[panels].tolist()))
     across = min(len(shown), 3)
     down = -(-len(shown) // across)
@@ -138,19 +142,21 @@ def plot_map(
             ax.plot(mark.x, mark.y, "o", color=BLACK, markeredgecolor="white", markersize=5.5)
             ax.annotate(mark.label, (mark.x, mark.y), (5, 4), textcoords="offset points", parse_math=False)
         if panels is not None:
-            ax.set_title(
-                f"{_words(panels)} = {value:g}" if isinstance(value, float) else f"{value}", fontsize=11
-            )
+            ax.set_title(_value(panels, value, units), fontsize=11)
     for ax in axes[len(shown) :]:
         ax.set_visible(False)
     # Curves may run on beyond the map. Axes are shared: one is all.
     axes[0].set_xlim(*_ends(columns[x], x in log))
     axes[0].set_ylim(*_ends(columns[y], y in log))
     for ax in axes[-across:]:
-        ax.set_xlabel(_words(x))
+        ax.set_xlabel(words(x, units))
     for ax in axes[::across]:
-        ax.set_ylabel(_words(y))
+        ax.set_ylabel(words(y, units))
     handles = painter.legend(curves)
+    if painter.categories is None and not np.isfinite(columns[color].astype(float)).all():
+        blank = Patch(facecolor=_NOTHING, edgecolor="#7F7F7F", linewidth=0.5)
+        blank.set_label(f"blank: the run has no {color.replace('_', ' ')}")
+        handles.append(blank)
     if handles:
         columns_of_words = max(1, int(figure.get_figwidth() / 2.8))
         figure.legend(
@@ -161,7 +167,7 @@ def plot_map(
             fontsize=9,
         )
     if painter.categories is None:
-        figure.colorbar(drawn, ax=list(axes[: len(shown)]), label=color.replace("_", " "))
+        figure.colorbar(drawn, ax=list(axes[: len(shown)]), label=words(color, units))
     # Titles are the user's words: a dollar sign in them is money, not mathematics.
     figure.suptitle(fill(title, 80), parse_math=False, fontsize=12, fontweight="bold")
     return figure
@@ -269,15 +275,88 @@ def _edges(centres: FloatArray, log: bool) -> FloatArray:
     return np.exp(edges) if log else edges
 
 
-def _words(key: str) -> str:
-    """A key in words, with the quantity it is."""
+def words(key: str, units: Mapping[str, str]) -> str:
+    """A column in words, with its unit, or where it has none with what it is a multiple of."""
+    unit = f" [{units[key]}]" if key in units else ""
     if key == "gas.ambient_pressure":
-        return f"ambient pressure  {PRESSURE}"
+        return f"ambient pressure {unit or f' {PRESSURE}'}"
     if re.fullmatch(r"step\.\d+\.inflate", key):
-        return f"inflation pressure  {PRESSURE}"
+        return f"inflation pressure {unit or f' {PRESSURE}'}"
     if re.fullmatch(r"step\.\d+\.(ramp|jump)", key):
-        return f"voltage  {VOLTAGE}"
+        return f"voltage {unit or f' {VOLTAGE}'}"
+    return _plain(key) + unit
+
+
+def _value(key: str, value: Any, units: Mapping[str, str]) -> str:
+    """One value of a key, in words: "radius of active = 19 mm"."""
+    number = f"{value:g}" if isinstance(value, float) else f"{value}"
+    return f"{_plain(key)} = {number} {units.get(key, '')}".rstrip()
+
+
+def _plain(key: str) -> str:
     found = re.fullmatch(r"balloon\.(.+)\.(radius|thickness|modulus|permittivity)", key)
     if found:
         return f"{found[2]} of {'all' if found[1] == '*' else found[1]}"
     return key.replace("_", " ")
+
+
+@in_own_style
+def plot_lines(
+    columns: Columns,
+    x: str,
+    shown: str,
+    *,
+    lines: str | None = None,
+    log: frozenset[str] = frozenset(),
+    title: str = "",
+    units: Mapping[str, str] | None = None,
+) -> Figure:
+    """Draw one column of a sweep over one other: numbers as lines, words as dots in a row of their own.
+
+    Parameters
+    ----------
+    columns : mapping of str to (n,) array
+        The rows to draw.
+    x, shown : str
+        Names of columns.
+    lines : str, optional
+        Column with a line for each value.
+    log, title, units
+        As for `plot_map`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Not registered with pyplot: save it with ``figure.savefig(path)``.
+    """
+    units = units or {}
+    figure = Figure(figsize=(6.8, 4.6), layout="constrained")
+    ax = dress(figure.add_subplot())
+    values = columns[shown]
+    heights = np.asarray(values, dtype=np.float64) if values.dtype.kind in "fiub" else None
+    if heights is None:
+        known = [word for word in BEHAVIOURS if word in values]
+        rows = [*known, *sorted({str(value) for value in values.tolist()} - {*known, ""})]
+        heights = np.array([rows.index(str(v)) if str(v) in rows else np.nan for v in values.tolist()])
+        ax.set_yticks(range(len(rows)), [BEHAVIOURS[w][1] if w in BEHAVIOURS else w for w in rows])
+        ax.set_ylim(-0.5, len(rows) - 0.5)
+    else:
+        ax.set_ylabel(words(shown, units))
+    each: list[Any] = [None] if lines is None else list(dict.fromkeys(columns[lines].tolist()))
+    for i, value in enumerate(each):
+        mine = np.ones(heights.size, dtype=bool) if lines is None else columns[lines] == value
+        order = np.flatnonzero(mine)[np.argsort(columns[x][mine], kind="stable")]
+        style = "o-" if values.dtype.kind in "fiub" else "o"
+        label = None if lines is None else _value(lines, value, units)
+        colour = COLOURS[i % len(COLOURS)]
+        # Dots of several lines in one row stand above one another.
+        aside = 0.0 if style == "o-" else 0.12 * (i - 0.5 * (len(each) - 1))
+        ax.plot(columns[x][order], heights[order] + aside, style, color=colour, markersize=3.5, label=label)
+    if x in log:
+        ax.set_xscale("log")
+        ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    ax.set_xlabel(words(x, units))
+    if lines is not None:
+        figure.legend(loc="outside lower center", ncols=min(len(each), 4), frameon=False, fontsize=9)
+    figure.suptitle(fill(title, 80), parse_math=False, fontsize=12, fontweight="bold")
+    return figure
