@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from simulator.results.history import EventKind, Outcome
+from simulator.results.history import EventKind, History, Outcome
 from simulator.results.plot import (
     COLOURS,
     MARKERS,
@@ -24,6 +24,7 @@ from simulator.results.plot import (
     plot_voltage,
     png,
 )
+from simulator.results.plot.lines import is_crowded, thinned
 from simulator.scenario import load_scenario
 from tests.histories import cycled_pair, empty_pair, inflated_single, scenario, slack_pair
 from tests.pairs import run
@@ -298,3 +299,52 @@ def test_panels_are_chosen_by_name():
         history.plot(panels=["volts"])
     with pytest.raises(ValueError, match="no film has a dielectric strength"):
         history.plot(panels=["margin"])
+
+
+def noisy() -> History:
+    """A made-up history on a noisy voltage: no cycles, though it turns at every other sample."""
+    quiet, samples = cycled_pair(), 20_000
+    time = np.linspace(0.0, 2.0, samples)
+    noise = 1e-3 * np.random.default_rng(1).standard_normal(samples)
+    voltage = (0.2 * np.minimum(time, 1.0) + noise)[:, None]
+    nothing = np.zeros(samples, dtype=np.int64)
+    return replace(
+        quiet,
+        time=time,
+        step=nothing + 1,
+        branch=nothing,
+        voltage=voltage,
+        stretch=np.column_stack([1.2 + voltage[:, 0], 1.2 - voltage[:, 0]]),
+        pressure=1.0 - voltage[:, 0],
+        events=(),
+    )
+
+
+def test_noise_is_a_line_and_no_range_of_cycles():
+    history = noisy()
+    figure = plot_history(history)
+    assert "range over many cycles" not in legend_labels(figure)
+    assert not any(ax.collections for ax in figure.axes)
+    drawn = np.concatenate([line.get_ydata() for line in lines(figure.axes[0], "-")])
+    assert np.nanmax(drawn) == history.voltage.max()
+    assert np.nanmin(drawn) == history.voltage.min()
+    assert drawn.size < 3100
+
+
+def test_a_few_cycles_with_noise_are_a_line_too():
+    time = np.linspace(0.0, 1.0, 50_000)
+    wave = np.sin(8 * np.pi * time) + 0.01 * np.random.default_rng(2).standard_normal(time.size)
+    assert not is_crowded(wave)
+    assert is_crowded(np.sin(400 * np.pi * time))
+    assert not is_crowded(np.ones(10_000) + 1e-16 * wave[:10_000])
+
+
+def test_long_records_are_thinned_to_the_extremes_of_each_pixel():
+    values = np.random.default_rng(3).standard_normal(100_000)
+    kept = thinned(values)
+    assert kept.size <= 3000
+    assert np.all(np.diff(kept) > 0)
+    for start in range(0, values.size, 20_000):  # however it bins them, no pixel loses its extremes
+        part = values[start : start + 20_000]
+        inside = values[kept[(kept >= start) & (kept < start + 20_000)]]
+        assert (inside.max(), inside.min()) == (part.max(), part.min())

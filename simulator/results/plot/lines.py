@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,9 +18,11 @@ if TYPE_CHECKING:
     BoolArray = NDArray[np.bool_]
     IntArray = NDArray[np.int64]
 
-# Beyond these a picture gains ink and no information.
+# Beyond these a picture gains ink and no information: two points for each pixel of a panel, and as many times
+# up and down as can still be told apart.
 MOST_POINTS = 3000
 MOST_TURNS = 150
+TURN = 0.05  # of the height of a panel: a smaller one is noise on a line, and no cycle
 
 
 def draw_in_time(
@@ -49,7 +50,10 @@ def draw_in_time(
         # Each bin reaches to the next one's first sample, and the last to the end.
         edges = history.time[np.append(starts, values.size - 1)]
         bounds = np.append(low, low[-1]), np.append(high, high[-1])
-        ax.fill_between(edges, *bounds, step="post", color=colour, alpha=0.35, linewidth=0.0)
+        # With an edge, so that a band does not vanish where it is narrow.
+        ax.fill_between(edges, *bounds, step="post", facecolor=colour, alpha=0.35, linewidth=0.0)
+        for bound in bounds:
+            ax.step(edges, bound, where="post", color=colour, linewidth=0.8)
         return
     kept = _envelope(values, last_of_branches(history.branch))
     unmoved = span(values) / GRID
@@ -77,10 +81,17 @@ def is_crowded(values: FloatArray) -> bool:
 
 
 def _turns(values: FloatArray) -> int:
-    # To within the grid: rounding errors of a constant turn at every sample.
-    moves = np.sign(np.diff(np.round(values / span(values) * GRID)))
-    moves = moves[moves != 0]
-    return int(np.count_nonzero(np.diff(moves)))
+    """How often a line goes up and down by more than noise does."""
+    least = TURN * span(values)
+    count, up, low, high = 0, None, np.inf, -np.inf
+    # The highest and lowest points of pixels have all turns that a picture can show.
+    for value in values[thinned(values)].tolist():
+        low, high = min(low, value), max(high, value)
+        if up is not False and value < high - least:
+            count, up, low = count + (up is True), False, value
+        elif up is not True and value > low + least:
+            count, up, high = count + (up is False), True, value
+    return count
 
 
 def _bins(size: int, count: int) -> IntArray:
@@ -90,11 +101,19 @@ def _bins(size: int, count: int) -> IntArray:
 
 
 def _envelope(values: FloatArray, ends: IntArray) -> IntArray:
-    """Indices that draw the same line with few points: extremes of consecutive bins, and all jumps."""
+    """Indices that draw the same line with few points: those of `thinned`, and all jumps."""
+    kept = thinned(values)
+    if kept.size == values.size:
+        return kept
+    return np.unique(np.concatenate([[0, values.size - 1], kept, ends, ends + 1])).astype(np.int64)
+
+
+def thinned(values: FloatArray) -> IntArray:
+    """Indices of the lowest and the highest of consecutive samples, at most `MOST_POINTS` in all."""
     if values.size <= MOST_POINTS:
         return np.arange(values.size)
-    starts = np.linspace(0, values.size, MOST_POINTS // 2 + 1).astype(np.int64)
-    bins = list(pairwise(starts))
-    highest = [a + int(np.argmax(values[a:b])) for a, b in bins]
-    lowest = [a + int(np.argmin(values[a:b])) for a, b in bins]
-    return np.unique(np.concatenate([[0, values.size - 1], highest, lowest, ends, ends + 1])).astype(np.int64)
+    from tsdownsample import MinMaxDownsampler
+
+    thinner: Any = MinMaxDownsampler
+    found = thinner().downsample(np.ascontiguousarray(values), n_out=MOST_POINTS)
+    return np.asarray(found, dtype=np.int64)
