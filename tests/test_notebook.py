@@ -24,6 +24,7 @@ from simulator import (
 )
 from simulator.results.html import curve_html, history_html
 from simulator.results.tables import write_curves
+from simulator.scenario.document import scenario_html
 from tests.histories import cycled_pair
 from tests.pairs import pair
 
@@ -191,7 +192,7 @@ def test_everything_has_one_line_of_its_own():
     scenario = load_scenario(SCENARIOS / "fig3c_state_b.toml")
     title = "'Fig. 3c, state B: a snap and its way back'"
     assert repr(scenario) == f"<Scenario {title}: balloons active, passive; 4 steps>"
-    assert "<li>inflate = 1.2</li>" in scenario._repr_html_()
+    assert "<li>inflate = 1.2</li>" in scenario_html(scenario)
     sweep = read_sweep({"scenario": scenario.to_dict(), "vary": {"step.1.inflate": [1.0, 1.1]}})
     assert repr(sweep) == f"<Sweep {title}: 2 runs, grid over step.1.inflate>"
     limit = fold(scenario, "gas.ambient_pressure", 0.02)

@@ -63,14 +63,7 @@ class Scenario(Frozen):
     __str__ = __repr__
 
     def _repr_html_(self) -> str:
-        walls = "".join(
-            f"<tr><td>{escape(b.name)}</td><td>{escape(b.elastomer.words)}</td>"
-            f"<td>{'electrodes' if b.electrodes else ''}</td></tr>"
-            for b in self.balloons
-        )
-        steps = [dict(step.model_dump(mode="json", by_alias=True, exclude_unset=True)) for step in self.steps]
-        lines = "".join(f"<li>{escape(_words(step))}</li>" for step in steps)
-        return f"<h4>{escape(self.title)}</h4><table>{walls}</table><ol>{lines}</ol>"
+        return scenario_html(self)
 
     @property
     def file(self) -> str:
@@ -169,6 +162,18 @@ class Scenario(Frozen):
         `load_scenario(scenario.to_dict()) == scenario`, but for elastomers made in Python, only named there.
         """
         return self.model_dump(mode="json", by_alias=True, exclude_unset=True)
+
+
+def scenario_html(scenario: Scenario) -> str:
+    """A scenario as a notebook shows it: its balloons and its steps."""
+    walls = "".join(
+        f"<tr><td>{escape(b.name)}</td><td>{escape(b.elastomer.words)}</td>"
+        f"<td>{'electrodes' if b.electrodes else ''}</td></tr>"
+        for b in scenario.balloons
+    )
+    steps = [dict(step.model_dump(mode="json", by_alias=True, exclude_unset=True)) for step in scenario.steps]
+    lines = "".join(f"<li>{escape(_words(step))}</li>" for step in steps)
+    return f"<h4>{escape(scenario.title)}</h4><table>{walls}</table><ol>{lines}</ol>"
 
 
 def _words(step: Mapping[str, Any]) -> str:

@@ -95,7 +95,9 @@ def plot_fold(curve: FoldCurve) -> Figure:
     what = "limit point" if curve.balloon is None else f"{curve.of.replace('_', ' ')} of {curve.balloon}"
     drive_shown = f"pressure of the {what}  {labels.pressure}"
     ax.set_ylabel(drive_shown if inflation else f"voltage of the {what}  {labels.voltage}", parse_math=False)
-    ax.set_title(fill(curve.title, 60), parse_math=False, fontsize=12, fontweight="bold")
+    # What is seen, under the name of the device: the page may be read without its axes.
+    subject = f"{what} over {curve.parameter}"
+    ax.set_title(f"{fill(curve.title, 60)}\n{subject}", parse_math=False, fontsize=12, fontweight="bold")
     return figure
 
 
