@@ -22,7 +22,7 @@ from simulator.solver import flow
 from simulator.solver.branch import Branch, BranchEnd
 from simulator.solver.follow import PathError
 from simulator.solver.ida import Effort
-from simulator.solver.singular import escape_direction, is_fold, parting_directions
+from simulator.solver.singular import escape_direction, is_fold, parting_directions, sets_off
 
 FloatArray = NDArray[np.float64]
 
@@ -209,7 +209,9 @@ class Atlas:
                 known.append(gradual)
                 return replace(here, onward=gradual)
         rest = flow.parted(equations, others, point, escapes, self.effort)
-        return self._arriving(group, EventKind.BRANCH_POINT, point, rest)
+        pushed = sets_off(equations, point, direction)
+        kind = EventKind.LIMIT_POINT if pushed else EventKind.BRANCH_POINT
+        return self._arriving(group, kind, point, rest)
 
     @staticmethod
     def _gradual(

@@ -36,6 +36,18 @@ def is_fold(equations: Equations, state: FloatArray) -> bool:
     return bool(np.linalg.svd(_unit_rows(equations, state))[1][-1] > CROSSING)
 
 
+def sets_off(equations: Equations, state: FloatArray, sense: float) -> bool:
+    """Whether v, as it sets out without a voltage, pushes balloons off a singular point together.
+
+    The forces change with its square then, and `is_fold` sees no push.
+    """
+    pushes = [row[-1] for row in equations.linearised(state.tolist())[1][: len(equations.walls)]]
+    soft = _soft_modes(equations, state)
+    push = soft.T @ (_pushed_ahead(equations, state, sense) / _compliance(equations, state))
+    pushed = bool(np.any(np.round(push, _PUSH_DIGITS)))
+    return pushed and not np.any(pushes) and not parts_equal_balloons(equations, state)
+
+
 def tangent_at_end(equations: Equations, state: FloatArray, towards: FloatArray) -> FloatArray:
     """Unit tangent at one state on the side of `towards`, also at a branch point, where two curves cross."""
     scales = equations.scales
@@ -106,9 +118,7 @@ def parting_directions(equations: Equations, state: FloatArray, sense: float = 0
     Where it does not choose, first those on which one balloon grows, the first before the others; then those
     on which one shrinks, the last before the others. Each of unit length, (n_balloons,).
     """
-    diagonal, _ = equations.stiffness(state.tolist())
-    sizes, vectors = modes(equations, state)
-    soft = vectors[:, np.abs(sizes - sizes[0]) <= _SOFT * max(np.abs(sizes).max(), np.abs(diagonal).max())]
+    soft = _soft_modes(equations, state)
     compliance = _compliance(equations, state)
     push = soft.T @ (_pushed_ahead(equations, state, sense) / compliance)
     concerned = np.flatnonzero(np.linalg.norm(soft, axis=1) > _PART)
@@ -121,6 +131,14 @@ def parting_directions(equations: Equations, state: FloatArray, sense: float = 0
         if all(change @ other < 1.0 - _SAME for other in found):
             found.append(np.asarray(change))
     return found
+
+
+def _soft_modes(equations: Equations, state: FloatArray) -> FloatArray:
+    """The softest mode and those as soft, (n_balloons, n_soft)."""
+    diagonal, _ = equations.stiffness(state.tolist())
+    sizes, vectors = modes(equations, state)
+    largest = max(np.abs(sizes).max(), np.abs(diagonal).max())
+    return np.asarray(vectors[:, np.abs(sizes - sizes[0]) <= _SOFT * largest])
 
 
 def _pushed_ahead(equations: Equations, state: FloatArray, sense: float) -> FloatArray:
