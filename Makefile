@@ -16,11 +16,12 @@ WORKERS ?= 2
 # Further options of a study or of the benchmarks: `make accuracy OPTIONS="--repeat 1 --out results"`.
 OPTIONS ?=
 
-.PHONY: help venv demo test format check coverage lowest pythons bench fuzz fuzz-whole fuzz-lockstep fuzz-states accuracy stress paper figures
+.PHONY: help venv demo test browser format check coverage lowest pythons bench fuzz fuzz-whole fuzz-lockstep fuzz-states accuracy stress paper figures
 
 help:
 	@echo "make demo      run scenarios/$(DEMO).toml, write its CSV files and its picture"
 	@echo "make test      run the tests"
+	@echo "make browser   look at the page of balloons live in Chromium"
 	@echo "make check     lint, check format, types and the import rules"
 	@echo "make format    mend lint and format where that is safe"
 	@echo "make coverage  run the tests, and say which lines they do not reach"
@@ -47,6 +48,9 @@ demo: $(INSTALLED)
 
 test: $(INSTALLED)
 	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal $(TESTS)
+
+browser: $(INSTALLED)
+	$(BIN)/python -m pytest $(or $(TESTS),tests/browser)
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix

@@ -49,7 +49,7 @@ def test_every_requirement_has_a_lower_bound():
     for requirement in [*project["dependencies"], *(one for extra in extras.values() for one in extra)]:
         assert re.fullmatch(r"[a-z-]+>=[0-9.]+", requirement)
     # Tests need what every extra brings.
-    assert {*extras["sweep"], *extras["dask"]} <= {*extras["dev"]}
+    assert {*extras["sweep"], *extras["dask"], *extras["live"]} <= {*extras["dev"]}
 
 
 def test_the_wheel_holds_the_package_and_nothing_of_the_tests(tmp_path):
@@ -61,7 +61,7 @@ def test_the_wheel_holds_the_package_and_nothing_of_the_tests(tmp_path):
         "simulator",
         f"dielectric_balloons-{simulator.__version__}.dist-info",
     }
-    assert "simulator/py.typed" in names
+    assert {"simulator/py.typed", "simulator/scenarios/fig5b_state_b.toml"} <= set(names)
 
 
 def test_the_source_distribution_holds_what_is_needed_to_test_it(tmp_path):
@@ -93,7 +93,20 @@ def test_the_help_lists_the_verbs_of_a_users_work():
     )
     listed = re.findall(r"^│ (\w+) ", done.stdout, re.MULTILINE)
     assert sorted(listed) == sorted(
-        ["run", "trace", "fold", "states", "unload", "explain", "presets", "sweep", "map", "optimize"]
+        [
+            "run",
+            "live",
+            "animate",
+            "trace",
+            "fold",
+            "states",
+            "unload",
+            "explain",
+            "presets",
+            "sweep",
+            "map",
+            "optimize",
+        ]
     )
 
 

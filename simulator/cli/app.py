@@ -13,7 +13,7 @@ from typing import Annotated
 
 import typer
 
-from simulator.cli import check_table, history, hysteresis, materials, paths, sweep
+from simulator.cli import animate, check_table, history, hysteresis, live, materials, paths, sweep
 
 app = typer.Typer(
     name="balloons",
@@ -47,6 +47,8 @@ def balloons(
 
 # In the order of the help.
 app.command()(history.run)
+app.command()(live.live)
+app.command()(animate.animate)
 app.command()(paths.trace)
 app.command()(paths.fold)
 app.command()(hysteresis.states)

@@ -348,3 +348,12 @@ class History:
         from simulator.results.plot import plot_history, plot_loop
 
         return plot_history(self, panels) if ax is None else plot_loop(self, ax)
+
+    def animate(self, path: str | PathLike[str], *, seconds: float = 8.0, rate: int = 20) -> Path:
+        """Write a moving picture of so many seconds and frames in each: a .gif, or a .mp4 where ffmpeg is.
+
+        Raises OutputError.
+        """
+        from simulator.results.plot.animation import write_animation
+
+        return write_animation(self, path, seconds=seconds, rate=rate)

@@ -1,0 +1,6 @@
+"""A page in the browser that plays a scenario anew while its numbers are moved: `balloons live`.
+
+`controls` knows the numbers of a scenario, `links` what a page's address and a visitor's text may say,
+`worker` computes in a process of its own, `figures` draws with Bokeh, `page` puts all of it together with
+Panel, and `server` lets nobody in but this machine. Panel and Bokeh come with the extra `live`.
+"""

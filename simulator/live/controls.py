@@ -1,0 +1,174 @@
+"""The numbers of a scenario as controls: labels, groups, ranges of sliders; steps added and removed."""
+
+from __future__ import annotations
+
+import copy
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from simulator.scenario import Cycle, Problem, ScenarioError, duration, load_scenario
+from simulator.scenario.keys import all_keys
+from simulator.scenario.mapping import number_and_unit
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from simulator.scenario import Scenario
+    from simulator.scenario.steps import Step
+
+MOST_SAMPLES = 20_000
+_TEXTS = ("name", "model", "table", "file", "law", "citation")
+_WHOLE = {"points": 2, "cycle": 1, "skip": 0}  # the least that each may be
+_DIGITS = 6
+
+NEW_STEPS: dict[str, dict[str, Any]] = {
+    "ramp": {"ramp": 0.1, "over": 5.0},
+    "hold": {"hold": 5.0},
+    "jump": {"jump": 0.0},
+    "inflate": {"inflate": 1.0},
+    "charge": {"charge": 0.1, "over": 5.0},
+    "triangle": {"triangle": {"low": 0.0, "high": 0.1, "period": 5.0, "cycles": 2}},
+    "sine": {"sine": {"mean": 0.1, "amplitude": 0.1, "period": 5.0, "cycles": 2}},
+}
+
+
+@dataclass(frozen=True)
+class Number:
+    """One number of a scenario.
+
+    Attributes
+    ----------
+    key : str
+        Dotted, as in messages.
+    group, label : str
+        The heading that it stands under, and its words there.
+    value : float
+    unit : str
+        As it is written, with its blank; "" for none.
+    low, high, step : float
+        Of its slider, in that unit.
+    """
+
+    key: str
+    group: str
+    label: str
+    value: float
+    unit: str
+    low: float
+    high: float
+    step: float
+
+    @property
+    def text(self) -> str:
+        """The value as the exact field shows it."""
+        return f"{shortest(self.value)}{self.unit}"
+
+
+def shortest(value: float) -> str:
+    """A number without digits that say nothing: 0.2, 101, 1e-05."""
+    return repr(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
+
+
+def numbers(scenario: Scenario) -> list[Number]:
+    """Every number of a scenario, defaults too, in the order of the file."""
+    found = {
+        key: read
+        for key, value in all_keys(scenario).items()
+        if key.rpartition(".")[2] not in _TEXTS
+        and (key != "output.points" or scenario.output.every is None)  # one or the other
+        and (read := number_and_unit(value)) is not None
+    }
+    largest: dict[tuple[str, str], float] = {}
+    for key, (value, unit) in found.items():
+        kind = (_kind(key), unit)
+        largest[kind] = max(largest.get(kind, 0.0), abs(value))
+    return [_number(scenario, key, *read, largest[_kind(key), read[1]]) for key, read in found.items()]
+
+
+def _kind(key: str) -> str:
+    last = key.rpartition(".")[2]
+    return "voltage" if last in ("ramp", "jump") else last
+
+
+def _number(scenario: Scenario, key: str, value: float, unit: str, like: float) -> Number:
+    first, *rest = key.split(".")
+    group = {"gas": "Gas", "scales": "Scales", "dynamics": "Dynamics"}.get(first, "Settings")
+    if first == "balloon":
+        group = f"Balloon {rest.pop(0)}"
+    elif first == "step":
+        number = int(rest.pop(0))
+        step = scenario.steps[number - 1]
+        group = f"Step {number}: {next(iter(type(step).model_fields))}"
+    elif group == "Settings":
+        rest = [first, *rest]
+    label = " ".join(rest).replace("_", " ")
+    low, high = _range(key, value, like)
+    whole = rest[-1] in _WHOLE
+    return Number(key, group, label, value, unit, low, high, 1.0 if whole else _nice((high - low) / 200))
+
+
+def _range(key: str, value: float, like: float) -> tuple[float, float]:
+    """The ends of a slider: from nothing to twice the value; of a zero, to twice what is like it."""
+    last = key.rpartition(".")[2]
+    if last in _WHOLE:
+        return float(_WHOLE[last]), max(10.0, 2.0 * value)
+    if key == "solver.rtol":
+        return 1e-6, 0.1
+    far = 2.0 * (abs(value) or like or 0.5)
+    return (-far, 0.0) if value < 0.0 else (0.0, far)
+
+
+def _nice(step: float) -> float:
+    """A step with one digit, not above the given one."""
+    size = 10.0 ** math.floor(math.log10(step))
+    return float(f"{max(d for d in (1, 2, 5) if d * size <= step * (1 + 1e-9)) * size:.1g}")
+
+
+def rounded(value: float) -> float:
+    """What a slider shows, without the digits of its arithmetic."""
+    return float(f"{value:.{_DIGITS}g}")
+
+
+def written(text: str) -> float | str:
+    """What an exact field says, as a scenario takes it: a number, or a text such as "2 kPa"."""
+    try:
+        value = float(text)
+    except ValueError:
+        return text.strip()
+    return value
+
+
+def with_step(scenario: Scenario, kind: str, after: int) -> Scenario:
+    """The scenario with a new step behind step number `after`. Raises ScenarioError."""
+    document = scenario.to_dict()
+    document["step"].insert(after, copy.deepcopy(NEW_STEPS[kind]))
+    return load_scenario(document)
+
+
+def without_step(scenario: Scenario, number: int) -> Scenario:
+    """The scenario without one of its steps. Raises ScenarioError, for the last one too."""
+    document = scenario.to_dict()
+    del document["step"][number - 1]
+    return load_scenario(document)
+
+
+def check_size(scenario: Scenario) -> None:
+    """Raise ScenarioError where a history would have more samples than a page can draw."""
+    count = _samples(scenario, scenario.steps)
+    if count > MOST_SAMPLES:
+        key = "output.points" if scenario.output.every is None else "output.every"
+        allowed = f"makes {count:.3g} samples, and at most {MOST_SAMPLES:,} are drawn here"
+        raise ScenarioError(scenario.file, Problem(key, None, allowed))
+
+
+def _samples(scenario: Scenario, steps: Sequence[Step]) -> float:
+    """How many samples the steps lead to, about."""
+    points, every = scenario.output.points, scenario.output.every
+    total = 0.0
+    for step in steps:
+        if isinstance(step, Cycle):
+            total += step.cycle * _samples(scenario, step.steps)
+        else:
+            total += points if every is None else duration(step) / every + 2
+    return total

@@ -1,0 +1,398 @@
+"""The page: numbers at the left, pictures at the right, computed anew while a number moves."""
+
+from __future__ import annotations
+
+import html
+import io
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import panel as pn
+
+from simulator.events import WORDS
+from simulator.live import links, worker
+from simulator.live.controls import NEW_STEPS, check_size, numbers, with_step, without_step, written
+from simulator.live.figures import INK, PAPER, PROBLEM, Figures, Shown, device_of, event_list
+from simulator.live.inputs import NumberInput, Playback
+from simulator.live.phase_map import PhaseMap
+from simulator.results.plot.animation import frames
+from simulator.results.record import ending
+from simulator.scenario import ScenarioError, load_scenario
+
+if TYPE_CHECKING:
+    from simulator.results.history import History
+    from simulator.scenario import Scenario
+
+SLOW = 0.15  # seconds; a scenario that takes longer is played when a slider is let go of
+_SAID = 300  # ms after which "computing" is said
+
+_STYLE = """
+:host { color: %s; } .problem { color: %s; font-size: 12px; } .dim { opacity: 0.45; }
+h1 { font-size: 18px; margin: 0; } .said { font-size: 14px; }
+"""
+
+
+class Page:
+    """A scenario on a page.
+
+    Parameters
+    ----------
+    opened : Scenario
+        What changes are told against.
+    scenario : Scenario
+        What is shown first.
+    compute : callable
+        A `Worker`, or what answers like one.
+    post : callable
+        See `Newest`.
+    compute_map : callable, optional
+        Another one beside `compute`, for what takes longer.
+    presets : mapping of str to path, optional
+        Scenarios to start from.
+    preset : str, optional
+        Which of them was opened, if any.
+    """
+
+    def __init__(
+        self,
+        opened: Scenario,
+        scenario: Scenario,
+        compute: Callable[..., worker.Answer],
+        post: Callable[[Callable[[], None]], None],
+        *,
+        compute_map: Callable[..., worker.Answer] | None = None,
+        dark: bool = False,
+        presets: Mapping[str, str] | None = None,
+        preset: str = "",
+        problem: str = "",
+    ) -> None:
+        self.opened, self.scenario, self.dark = opened, scenario, dark
+        self.shown: Shown | None = None
+        self.figures: Figures | None = None
+        self._frames: list[int] = [0]
+        self._post = post
+        self._location = pn.state.location
+        self.preset = preset
+        self._newest = worker.Newest(compute, post)
+        mapping = worker.Newest(compute_map or compute, post)
+        self._map = PhaseMap(mapping, self._later, self._set, dark=dark)
+        self._paths: dict[str, Any] = {}
+        self._texts: dict[str, str] = {}
+        self._inputs: dict[str, NumberInput] = {}
+        self._is_dragging = False
+        self._seconds = 0.0
+        self._presets = dict(presets or {})
+        self._make_widgets()
+        self._make_inputs()
+        self._say(problem)
+        self.ask(dragging=False)
+
+    # What the page is made of.
+
+    def _make_widgets(self) -> None:
+        style = [_STYLE % (INK[self.dark], PROBLEM[self.dark])]
+        self._title = pn.pane.HTML("", stylesheets=style, sizing_mode="stretch_width", margin=(5, 10, 0, 10))
+        self._status = pn.pane.HTML("", stylesheets=style, sizing_mode="stretch_width", margin=(0, 10))
+        self._banner = pn.pane.HTML("", stylesheets=style, visible=False, margin=(0, 10))
+        reset = pn.widgets.Button(name="Reset", width=70)
+        reset.on_click(self._later(lambda _: self.open(self.opened)))
+        downloads = [
+            pn.widgets.FileDownload(
+                callback=make,
+                filename=name,
+                label=label,
+                auto=True,
+                embed=False,
+                width=90,
+                button_type="default",
+            )
+            for make, name, label in (
+                (self._toml, "scenario.toml", "TOML"),
+                (self._csv, "history.csv", "CSV"),
+                (self._png, "history.png", "PNG"),
+            )
+        ]
+        names = ["", *self._presets]
+        self._preset = pn.widgets.Select(name="Start from", options=names, value=self.preset, width=180)
+        self._preset.param.watch(self._later(self._start_from), "value")
+        self._numbers = pn.Column(sizing_mode="stretch_width", stylesheets=style)
+        self._pictures = pn.Column(sizing_mode="stretch_width", min_height=300)
+        self._player = Playback(self._later(self._seek_frame))
+        self._now = pn.pane.HTML("", stylesheets=style, sizing_mode="stretch_width")
+        self._events = pn.widgets.Select(
+            name="Events (choose one to go there)", size=6, sizing_mode="stretch_width",
+            stylesheets=[*style, "select { font-size: 12px; }"],
+        )  # fmt: skip
+        self._events.param.watch(self._later(self._seek_event), "value")
+        said = pn.Column(self._title, self._status, styles={"flex": "1 1 300px"})
+        head = pn.FlexBox(said, self._preset, reset, *downloads, align_items="end", flex_wrap="wrap")
+        # Each of the two columns scrolls by itself, so that pictures stay in sight of every slider.
+        tall = {"max-height": "calc(100vh - 75px)", "overflow": "auto"}
+        layout = pn.Column(
+            head, self._banner,
+            pn.FlexBox(
+                pn.Column(self._numbers, width=340, styles=tall),
+                pn.Column(self._pictures, min_width=420, styles={"flex": "1", **tall}),
+                flex_wrap="nowrap",
+            ),
+            sizing_mode="stretch_width", styles={"background": PAPER[self.dark]},
+        )  # fmt: skip
+        self.view = layout
+
+    def _make_inputs(self) -> None:
+        self._texts.clear()
+        self._inputs = {n.key: NumberInput(n, self._later(self._moved)) for n in numbers(self.scenario)}
+        groups: dict[str, list[NumberInput]] = {}
+        for one in self._inputs.values():
+            groups.setdefault(one.number.group, []).append(one)
+        cards = []
+        for group, inputs in groups.items():
+            views: list[Any] = list(inputs)
+            if group.startswith("Step "):
+                number = int(group.removeprefix("Step ").partition(":")[0])
+                views.append(self._button(f"Remove step {number}", partial(self._without, number)))
+            collapsed = group in ("Settings", "Scales") or (group.startswith("Balloon") and len(groups) > 9)
+            cards.append(self._card(group, *views, collapsed=collapsed))
+        kind = pn.widgets.Select(name="New step", options=list(NEW_STEPS), width=100)
+        place = pn.widgets.Select(
+            name="behind step", options=list(range(len(self.scenario.steps), -1, -1)), width=80
+        )
+        add = self._button("Add step", lambda _: self._with(kind.value, place.value))
+        self._text = pn.widgets.TextAreaInput(
+            name="The scenario as text", value=links.to_text(self.scenario), rows=16,
+            max_length=100_000, sizing_mode="stretch_width",
+        )  # fmt: skip
+        apply = self._button(
+            "Apply text", lambda _: self._try(lambda: links.from_text(self._text.value, self.opened))
+        )
+        cards.append(self._card("Add a step", pn.Row(kind, place, add)))
+        cards.append(self._card("Text", self._text, apply, collapsed=True))
+        self._numbers[:] = cards
+
+    def _card(self, title: str, *views: Any, collapsed: bool = False) -> Any:
+        head = pn.pane.HTML(
+            f"<h2>{html.escape(title)}</h2>", stylesheets=["h2 {font-size: 14px; margin: 2px;}"]
+        )
+        return pn.Card(*views, header=head, collapsed=collapsed, sizing_mode="stretch_width")
+
+    def _button(self, name: str, clicked: Callable[[Any], None]) -> Any:
+        made = pn.widgets.Button(name=name, width=110, align="end")
+        made.on_click(self._later(clicked))
+        return made
+
+    def _later(self, function: Callable[..., None]) -> Callable[..., None]:
+        """A function that does the same when the page may be changed; events arrive when it may not."""
+        return lambda *arguments: self._post(partial(function, *arguments))
+
+    # What a visitor does.
+
+    def _moved(self, one: NumberInput, text: str, dragging: bool) -> None:
+        self._texts[one.number.key] = text
+        if dragging and not self._is_dragging and self.figures:
+            self.figures.keep_ghost()
+        self._is_dragging = dragging
+        if dragging and self._seconds > SLOW:
+            return
+        self._apply(dragging=dragging)
+
+    def _set(self, texts: Mapping[str, str]) -> None:
+        """Give several numbers other values."""
+        self._texts.update(texts)
+        self._apply(dragging=False)
+
+    def _apply(self, *, dragging: bool) -> None:
+        """Play the scenario with the texts of its fields, or say what is wrong with them."""
+        try:
+            changed = self.scenario.with_values({key: written(t) for key, t in self._texts.items()})
+            check_size(changed)
+        except ScenarioError as error:
+            self._complain(error)
+            return
+        self.scenario = changed
+        for key, text in self._texts.items():
+            if not dragging:
+                self._inputs[key].show(text)
+        self._texts.clear()
+        for one in self._inputs.values():
+            one.problem = ""
+        self._banner.visible = False
+        self.ask(dragging=dragging)
+
+    def _complain(self, error: ScenarioError) -> None:
+        """Say every problem under its field, and those that have none above; the last picture stays."""
+        others = []
+        for one in self._inputs.values():
+            one.problem = ""
+        for problem in error.problems:
+            if problem.key in self._inputs:
+                self._inputs[problem.key].problem = problem.allowed
+            else:
+                others.append(f"{problem.key}: {problem.allowed}".removeprefix(": "))
+        self._say("; ".join(others))
+        self._dim(True)
+
+    def _try(self, make: Callable[[], Scenario]) -> None:
+        """Open what is made, or say why it makes no sense."""
+        try:
+            made = make()
+            check_size(made)
+        except ScenarioError as error:
+            self._complain(error)
+        else:
+            self.open(made)
+
+    def _with(self, kind: str, after: int) -> None:
+        self._try(lambda: with_step(self.scenario, kind, after))
+
+    def _without(self, number: int, _: Any) -> None:
+        self._try(lambda: without_step(self.scenario, number))
+
+    def _start_from(self, event: Any) -> None:
+        if event.new:
+            self.preset, self.opened = event.new, load_scenario(self._presets[event.new])
+            self._try(lambda: self.opened)
+
+    def open(self, scenario: Scenario) -> None:
+        """Show another scenario."""
+        self.scenario = scenario
+        self._banner.visible = False
+        self._make_inputs()
+        self.ask(dragging=False)
+
+    # What is computed for it.
+
+    def ask(self, *, dragging: bool) -> None:
+        """Have the history computed, and the path where it is not known."""
+        asked = self.scenario
+        self._newest.ask(worker.play, asked, lambda answer: self._arrived(asked, answer, dragging))
+        document = pn.state.curdoc
+        if document and not dragging:
+            document.add_timeout_callback(self._still_computing, _SAID)
+
+    def _still_computing(self) -> None:
+        if self._newest.is_busy:
+            self._status.object = '<span class="said" role="status">Computing …</span>'
+
+    def _arrived(self, asked: Scenario, answer: worker.Answer, dragging: bool) -> None:
+        self._seconds = answer.seconds
+        history, failure = answer.result or (None, answer.failure)
+        with pn.io.hold():
+            if failure:
+                self._say(f"The solver failed: {failure}" if history else failure)
+            if history is None or not len(history):
+                self._dim(True)
+                return
+            self._draw(history, growing=dragging and self._is_dragging)
+            path = worker.path_key(asked)
+            if path in self._paths:
+                self.figures.show_path(self._paths[path], self.shown)  # type: ignore[union-attr,arg-type]
+            else:
+                self.figures.show_path((), self.shown)  # type: ignore[union-attr,arg-type]
+                self._newest.ask(worker.follow, asked, lambda answer: self._followed(path, answer))
+
+    def _followed(self, key: str, answer: worker.Answer) -> None:
+        while len(self._paths) > 50:
+            self._paths.pop(next(iter(self._paths)))
+        self._paths[key] = answer.result or ()
+        if self.figures and self.shown and worker.path_key(self.scenario) == key:
+            with pn.io.hold():
+                self.figures.show_path(self._paths[key], self.shown)
+
+    # What is shown.
+
+    def _draw(self, history: History, *, growing: bool) -> None:
+        shown = self.shown = Shown(history)
+        if self.figures is None or self.figures.device != device_of(history):
+            self.figures = Figures(history, dark=self.dark)
+            self._arrange(self.figures)
+        self._dim(False)
+        self.figures.show(shown, growing=growing)
+        was_at_end, share = self._player.frame >= self._player.last, self._player.frame / self._player.last
+        self._frames = frames(history, 240, 8)
+        last = len(self._frames) - 1
+        frame = last if was_at_end or self._is_dragging else round(share * last)
+        self._player.param.update(last=last, frame=frame)
+        self._seek(self._frames[frame])
+        title = html.escape(history.scenario.title)
+        self._title.object = f"<h1>{title}</h1>"
+        kinds = [WORDS[event.kind] for event in history.events]
+        summary = ", ".join(f"{kinds.count(k)} × {k}" for k in dict.fromkeys(kinds)) or "no events"
+        self._status.object = (
+            f'<span class="said" role="status">{html.escape(ending(history))}; {html.escape(summary)}</span>'
+        )
+        if not growing:
+            self._events.param.update(options=event_list(shown), value=None)
+            self._text.value = links.to_text(self.scenario)
+            self._map.update(self.scenario)
+            if self._location:
+                self._location.search = links.link(self.opened, self.scenario, self._link_also())
+
+    def _link_also(self) -> dict[str, str]:
+        """What a link says beside changes."""
+        also = {"scenario": self.preset} if self.preset else {}
+        return {**also, "theme": "dark"} if self.dark else also
+
+    def _arrange(self, figures: Figures) -> None:
+        time = [figures.voltage] if figures.sources and figures.device[1] else []
+        left = pn.Column(*time, figures.stretch, figures.pressure, sizing_mode="stretch_width", min_width=300)
+        right = pn.Column(
+            figures.loop, self._events, self._map.view, sizing_mode="stretch_width", min_width=300
+        )
+        for column in (left, right):
+            column.styles = {"flex": "1 1 300px"}
+        self._pictures[:] = [
+            figures.balloons, self._player, self._now,
+            pn.FlexBox(left, right, flex_wrap="wrap", sizing_mode="stretch_width"),
+        ]  # fmt: skip
+
+    def _seek(self, sample: int) -> None:
+        if self.shown and self.figures and sample < len(self.shown.history):
+            with pn.io.hold():
+                self.figures.seek(self.shown, sample)
+                self._tell_sample(sample)
+
+    def _seek_frame(self, frame: int) -> None:
+        self._seek(self._frames[min(frame, len(self._frames) - 1)])
+
+    def _seek_event(self, chosen: Any) -> None:
+        if self.shown is None or chosen.new is None:
+            return
+        time = self.shown.history.events[chosen.new].time
+        frame = next(i for i, s in enumerate(self._frames) if self.shown.history.time[s] >= time)
+        self._player.frame = frame
+        self._seek(self._frames[frame])
+
+    def _tell_sample(self, sample: int) -> None:
+        shown = self.shown
+        assert shown is not None
+        volts = ", ".join(f"{v:.4g}" for v in shown.voltage[sample])
+        values = (
+            f"t = {shown.history.time[sample]:.4g}",
+            f"φ = {volts or '–'} {shown.voltage_label}",
+            f"p = {shown.pressure[sample]:.4g} {shown.pressure_label}",
+        )
+        self._now.object = html.escape(" · ".join(values))
+
+    def _dim(self, dim: bool) -> None:
+        self._pictures.css_classes = ["dim"] if dim else []
+        self._pictures.styles = {"opacity": "0.45"} if dim else {}
+
+    def _say(self, words: str) -> None:
+        self._banner.object = f'<span class="problem" role="alert">{html.escape(words)}</span>'
+        self._banner.visible = bool(words)
+
+    # Downloads.
+
+    def _toml(self) -> io.BytesIO:
+        return io.BytesIO(links.to_text(self.scenario).encode())
+
+    def _csv(self) -> io.BytesIO:
+        assert self.shown is not None
+        return io.BytesIO(self.shown.history.to_dataframe().to_csv(index=False).encode())
+
+    def _png(self) -> io.BytesIO:
+        from simulator.results.plot import plot_history, png
+
+        assert self.shown is not None
+        return io.BytesIO(png(plot_history(self.shown.history)))

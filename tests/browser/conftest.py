@@ -1,0 +1,105 @@
+"""The page of `balloons live`, served as a user does, in Debian's Chromium."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")
+
+
+def served(*arguments: str) -> Iterator[str]:
+    """The address of a page that is served until the test is done."""
+    command = [sys.executable, "-m", "simulator", "live", *arguments, "--no-show"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as server:
+        try:
+            assert server.stdout is not None
+            found = re.search(r"http://\S+", server.stdout.readline())
+            assert found, "the page is not served"
+            yield found[0].rstrip(";")
+        finally:
+            server.terminate()
+
+
+@pytest.fixture(scope="session")
+def address() -> Iterator[str]:
+    yield from served("scenarios/fig5b_state_b.toml")
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    if BROWSER is None:
+        pytest.skip("there is no Chromium on this machine: apt-get install chromium")
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with sync_api.sync_playwright() as driver:
+        chromium = driver.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
+        yield chromium
+        chromium.close()
+
+
+class Visit:
+    """A page in the browser, and what it complained of."""
+
+    def __init__(self, browser: Any, address: str, query: str = "", **options: Any) -> None:
+        self.page = browser.new_page(**{"viewport": {"width": 1360, "height": 860}, **options})
+        self.complaints: list[str] = []
+        self.page.set_default_timeout(20_000)
+        self.page.on("console", self._hear)
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("request", lambda request: self._see(request.url, address))
+        self.page.goto(address + query)
+        self.page.get_by_text(re.compile("(completed|ended) ")).first.wait_for(timeout=60_000)
+        self.page.wait_for_function("Bokeh.documents[0]?.is_idle", timeout=20_000)
+
+    def _hear(self, message: Any) -> None:
+        if message.type in ("error", "warning"):
+            self.complaints.append(message.text)
+
+    def _see(self, url: str, address: str) -> None:
+        own = (address, address.replace("http", "ws"), "data:", "blob:")
+        if not url.startswith(own):
+            self.complaints.append(f"asked for {url}")
+
+    def column(self, source: str, name: str) -> list[float]:
+        """One column of what is drawn."""
+        found: list[float] = self.page.evaluate(
+            "([source, name]) => Array.from(Bokeh.documents[0].get_model_by_name(source).data[name])",
+            [source, name],
+        )
+        return found
+
+    def slider(self, name: str) -> Any:
+        return self.page.get_by_label(f"{name} (slider)", exact=True).first
+
+    def field(self, name: str) -> Any:
+        return self.page.get_by_label(name, exact=True).first
+
+    def until(self, condition: Any) -> None:
+        """Wait until a condition on what is drawn holds."""
+        for _ in range(200):
+            if condition():
+                return
+            self.page.wait_for_timeout(50)
+        raise AssertionError("it did not come about")
+
+
+@pytest.fixture
+def visit(browser, address) -> Iterator[Any]:
+    visits: list[Visit] = []
+
+    def visited(query: str = "", **options: Any) -> Visit:
+        visits.append(Visit(browser, address, query, **options))
+        return visits[-1]
+
+    yield visited
+    for one in visits:
+        assert one.complaints == []
+        one.page.close()

@@ -1,0 +1,185 @@
+"""What a visitor of the page sees and does."""
+
+from __future__ import annotations
+
+import http.client
+import tomllib
+from urllib.parse import urlparse
+
+import numpy as np
+import pytest
+
+from simulator import load_scenario, simulate
+
+SCENARIO = "scenarios/fig5b_state_b.toml"
+
+
+def drawn(visit, name="x"):
+    return np.array(visit.column("samples", name), dtype=float)
+
+
+def test_the_page_draws_the_history(visit):
+    page = visit()
+    history = simulate(SCENARIO)
+    x, y = drawn(page), drawn(page, "y")
+    assert np.array_equal(x[np.isfinite(x)], history.voltage[:, 0])
+    assert np.array_equal(y[np.isfinite(y)], history.stretch[:, 0])
+    assert np.isnan(x).sum() == 3  # a line is broken where the balloons jump
+    assert page.page.get_by_text("2 × limit point, 1 × voltage jump").is_visible()
+
+
+def test_it_is_drawn_anew_before_the_slider_is_let_go_of(visit):
+    page = visit()
+    slider = page.slider("ramp")
+    slider.scroll_into_view_if_needed()
+    box = slider.bounding_box()
+    mouse = page.page.mouse
+    mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    mouse.down()
+    mouse.move(box["x"] + box["width"] * 0.75, box["y"] + box["height"] / 2, steps=4)
+    page.until(lambda: np.nanmax(drawn(page)) > 0.25)
+    assert np.nanmax(page.column("ghost", "x")) == 0.2  # what was shown before, faintly
+    high = page.page.evaluate("Bokeh.documents[0].get_model_by_name('loop').x_range.end")
+    mouse.move(box["x"] + box["width"] * 0.3, box["y"] + box["height"] / 2, steps=4)
+    page.until(lambda: np.nanmax(drawn(page)) < 0.15)
+    during = page.page.evaluate("Bokeh.documents[0].get_model_by_name('loop').x_range.end")
+    assert during >= high  # axes only grow meanwhile
+    mouse.up()
+    page.until(
+        lambda: page.page.evaluate("Bokeh.documents[0].get_model_by_name('voltage').y_range.end") < 0.15
+    )
+
+
+def test_an_exact_field_takes_what_the_scenario_takes(visit):
+    page = visit()
+    page.field("ramp").fill("0.1")
+    page.field("ramp").press("Enter")
+    page.page.get_by_text("1 × limit point, 1 × voltage jump").wait_for()
+    assert np.nanmax(drawn(page)) == 0.1
+
+
+def test_a_wrong_value_is_told_below_its_own_field_and_the_last_picture_stays(visit):
+    page = visit()
+    before = drawn(page)
+    page.field("radius").fill("-1")
+    page.field("radius").press("Enter")
+    alert = page.page.get_by_text("must be a number > 0", exact=True)
+    alert.wait_for()
+    field, said = page.field("radius").bounding_box(), alert.bounding_box()
+    assert 0 <= said["y"] - (field["y"] + field["height"]) < 20
+    assert page.field("radius").get_attribute("aria-invalid") == "true"
+    assert np.array_equal(drawn(page), before, equal_nan=True)
+    page.field("radius").fill("0.5")
+    page.field("radius").press("Enter")
+    alert.wait_for(state="hidden")
+
+
+def test_a_link_holds_what_was_changed_and_leads_back_to_it(visit):
+    page = visit()
+    page.field("ambient pressure").fill("0.05")
+    page.field("ambient pressure").press("Enter")
+    page.until(lambda: "gas.ambient_pressure=0.05" in page.page.url)
+    again = visit("?" + page.page.url.partition("?")[2])
+    assert again.field("ambient pressure").input_value() == "0.05"
+    assert np.array_equal(drawn(again), drawn(page), equal_nan=True)
+    assert page.page.url.partition("?")[2] == "gas.ambient_pressure=0.05"
+
+
+def test_a_link_with_an_unknown_key_is_not_followed(visit):
+    page = visit("?gas.colour=3")
+    assert page.page.get_by_text("gas.colour").is_visible()
+    assert page.field("ambient pressure").input_value() == "1"
+
+
+def test_everything_moves_by_keyboard(visit):
+    page = visit()
+    page.slider("ambient pressure").focus()
+    page.page.keyboard.press("ArrowLeft")
+    page.until(lambda: page.field("ambient pressure").input_value() == "0.99")
+    page.page.get_by_label("moment shown").focus()
+    page.page.keyboard.press("Home")
+    page.until(lambda: page.column("now", "y") == [1.0])
+
+
+def test_an_event_is_gone_to_and_playback_moves_on(visit):
+    page = visit()
+    page.page.get_by_label("Events").select_option(index=2)
+    page.until(lambda: abs(page.column("now", "x")[0] - 0.13925397) < 1e-6)
+    page.page.get_by_text("▶ Play").click()
+    page.until(lambda: page.column("now", "y")[0] > 6.2)
+    page.page.get_by_text("❚❚ Pause").click()
+
+
+def test_steps_are_added_and_removed(visit):
+    page = visit()
+    page.page.get_by_text("Remove step 4").click()
+    page.page.get_by_text("Remove step 5").wait_for(state="detached")
+    page.page.get_by_text("completed at time 21; 2 × limit point", exact=True).wait_for()
+    page.page.get_by_text("Add step").click()
+    page.page.get_by_text("Remove step 5").wait_for()
+    page.until(lambda: np.nanmax(drawn(page, "t")) == 26.0)
+
+
+def test_downloads(visit, tmp_path):
+    page = visit()
+    for label, suffix in (("TOML", ".toml"), ("CSV", ".csv"), ("PNG", ".png")):
+        with page.page.expect_download() as found:
+            page.page.get_by_text(label, exact=True).click()
+        found.value.save_as(tmp_path / f"got{suffix}")
+    written = tomllib.loads((tmp_path / "got.toml").read_text("utf-8"))
+    assert load_scenario(written) == load_scenario(SCENARIO)
+    history = simulate(SCENARIO)
+    lines = (tmp_path / "got.csv").read_text("utf-8").splitlines()
+    assert lines[0].split(",") == list(history.to_dataframe().columns)
+    assert len(lines) == len(history) + 1
+    assert (tmp_path / "got.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("query", ["", "?theme=dark"])
+def test_axe_finds_nothing(visit, query):
+    from axe_playwright_python.sync_playwright import Axe
+
+    found = Axe().run(visit(query).page).response["violations"]
+    assert [(rule["id"], len(rule["nodes"])) for rule in found] == []
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({}, 200),
+        ({"Host": "evil.example"}, 403),
+        ({"Origin": "http://evil.example"}, 403),
+        ({"Host": "127.0.0.1:1"}, 403),
+    ],
+)
+def test_other_hosts_and_pages_are_refused(address, headers, status):
+    place = urlparse(address)
+    connection = http.client.HTTPConnection(place.hostname, place.port, timeout=30)
+    connection.request("GET", "/", headers=headers)
+    assert connection.getresponse().status == status
+    connection.close()
+
+
+def test_the_map_is_computed_and_a_click_goes_there(visit):
+    page = visit()
+    page.page.get_by_text("Phase map").click()
+    page.until(lambda: len(page.column("cells", "x")) == 1600)
+    picture = page.page.locator(".bk-Figure").last
+    picture.scroll_into_view_if_needed()
+    box = picture.bounding_box()
+    page.page.mouse.click(box["x"] + 0.75 * box["width"], box["y"] + 0.4 * box["height"])
+    page.until(lambda: "gas.ambient_pressure" in page.page.url and "step.1.inflate" in page.page.url)
+    assert 1.2 < float(page.field("ambient pressure").input_value()) < 1.7
+    assert 2.4 < float(page.field("inflate").input_value()) < 3.5
+    page.until(lambda: page.column("here", "x")[0] == float(page.field("ambient pressure").input_value()))
+
+
+def test_axe_finds_nothing_with_the_map_and_the_text_open(visit):
+    from axe_playwright_python.sync_playwright import Axe
+
+    page = visit()
+    page.page.get_by_role("heading", name="Text", exact=True).click()
+    page.page.get_by_text("Phase map").click()
+    page.until(lambda: len(page.column("cells", "x")) == 1600)
+    found = Axe().run(page.page).response["violations"]
+    assert [(rule["id"], len(rule["nodes"])) for rule in found] == []
