@@ -122,7 +122,7 @@ def test_the_process_computes_and_is_ended_where_it_takes_too_long():
         assert history == simulate(FIG5B)
         assert failure == ""
         many = FIG5B.with_values({"step.3.hold": 1.0}).to_dict()
-        many["step"][2] = {"sine": {"mean": 0.1, "amplitude": 0.1, "period": 1, "cycles": 100_000}}
+        many["step"][2] = {"sine": {"mean": 0.1, "amplitude": 0.1, "period": 1, "cycles": 50_000}}
         answer = worker(play, load_scenario(many), 0.2)
         assert answer.failure == "stopped: it takes longer than 0.2 s"
         assert [curve.end.kind for curve in worker(follow, FIG5B).result]  # by another one

@@ -7,15 +7,13 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from simulator.scenario import Cycle, Problem, ScenarioError, duration, load_scenario
+from simulator.scenario import Problem, ScenarioError, load_scenario
+from simulator.scenario.checks import samples
 from simulator.scenario.keys import all_keys
 from simulator.scenario.mapping import number_and_unit
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from simulator.scenario import Scenario
-    from simulator.scenario.steps import Step
 
 MOST_SAMPLES = 20_000
 _TEXTS = ("name", "model", "table", "file", "law", "citation")
@@ -155,20 +153,8 @@ def without_step(scenario: Scenario, number: int) -> Scenario:
 
 def check_size(scenario: Scenario) -> None:
     """Raise ScenarioError where a history would have more samples than a page can draw."""
-    count = _samples(scenario, scenario.steps)
+    count = samples(scenario.steps, scenario.output)
     if count > MOST_SAMPLES:
         key = "output.points" if scenario.output.every is None else "output.every"
         allowed = f"makes {count:.3g} samples, and at most {MOST_SAMPLES:,} are drawn here"
         raise ScenarioError(scenario.file, Problem(key, None, allowed))
-
-
-def _samples(scenario: Scenario, steps: Sequence[Step]) -> float:
-    """How many samples the steps lead to, about."""
-    points, every = scenario.output.points, scenario.output.every
-    total = 0.0
-    for step in steps:
-        if isinstance(step, Cycle):
-            total += step.cycle * _samples(scenario, step.steps)
-        else:
-            total += points if every is None else duration(step) / every + 2
-    return total

@@ -86,7 +86,7 @@ def disagreements(scenario: Parts) -> Iterator[Problem]:
     output = scenario.output
     if output.every is not None and "points" in output.model_fields_set:
         yield Problem("output", output.model_dump(exclude_unset=True), "must have points or every, not both")
-    elif _samples(scenario.steps, output) > MAX_SAMPLES:
+    elif samples(scenario.steps, output) > MAX_SAMPLES:
         key, value = ("points", output.points) if output.every is None else ("every", output.every)
         allowed = f"must ask for at most {MAX_SAMPLES:,} samples over the whole scenario"
         yield Problem(f"output.{key}", value, allowed)
@@ -195,12 +195,13 @@ def _cycles(steps: Iterable[Step], prefix: str, played: float) -> Iterator[tuple
             yield f"{key}.triangle", played * step.triangle.cycles
 
 
-def _samples(steps: Iterable[Step], output: Output) -> float:
+def samples(steps: Iterable[Step], output: Output) -> float:
+    """How many samples steps lead to, about, without unrolling cycles."""
     total = 0.0
     for step in steps:
         if isinstance(step, Cycle):
             # More repetitions than samples allowed are too many already, and may not fit a float.
-            total += min(step.cycle, MAX_SAMPLES + 1) * _samples(step.steps, output)
+            total += min(step.cycle, MAX_SAMPLES + 1) * samples(step.steps, output)
         elif isinstance(step, Jump):
             total += 2
         else:
