@@ -12,7 +12,7 @@ from simulator.results.history import EnergyBalance, Event, EventKind, History, 
 def scenario(title: str = "A made-up pair", **more: object) -> SimpleNamespace:
     """Just as much of a scenario as tables and pictures look at."""
     written = {"title": title, "gas": {"ambient_pressure": 0.015}, "steps": [{"ramp": 0.4, "over": 1.0}]}
-    more = {"scales": None, "steps": (), **more}
+    more = {"scales": None, "steps": (), "played_steps": tuple, **more}
     return SimpleNamespace(title=title, source=None, file=None, balloons=(), to_dict=lambda: written, **more)
 
 

@@ -50,13 +50,16 @@ def loops(history: History) -> tuple[Loop, ...]:
     >>> loop.peak, round(loop.width, 6), round(loop.area, 6), loop.closed
     (0.6, 0.232868, 40.783907, True)
     """
-    device = Device.from_scenario(history.scenario)
-    found = [
-        _loop(device, history, place, turns, is_open=is_open)
+    excursions = [
+        (place, turns, is_open)
         for nodes, is_open in _monotone(history)
         for place in range(len(history.electroded))
         for turns in _excursions(np.abs(history.voltage[nodes, place]), nodes)
     ]
+    if not excursions:
+        return ()
+    device = Device.from_scenario(history.scenario)
+    found = [_loop(device, history, place, turns, is_open=is_open) for place, turns, is_open in excursions]
     return tuple(sorted(found, key=lambda loop: loop.start))
 
 
