@@ -201,10 +201,9 @@ class _Player:
                 self._note(kind, place)
         if self.ended:
             return taut
-        unstable = [m for kind, _, m in margins if kind == "limit_point" and m < 0.0]
-        if self.stable:
-            for _ in unstable:
-                self._note("limit_point", 0)
+        unstable = any(m < 0.0 for kind, _, m in margins if kind == "limit_point")
+        if self.stable and unstable:
+            self._note("limit_point", 0)  # one, however many balloons it concerns
         self.stable = not unstable
         return taut
 
