@@ -6,7 +6,8 @@ Panel's own slider and player have no names for a screen reader (axe: `aria-inpu
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import panel as pn
@@ -23,6 +24,21 @@ input[type=text] { width: 90px; font: inherit; font-size: 13px; padding: 2px 5px
 input[type=range] { flex: 1; min-width: 80px; accent-color: #0072B2; margin: 0; }
 button { width: 76px; font: inherit; font-size: 13px; padding: 3px; }
 """
+
+
+@contextmanager
+def held() -> Iterator[None]:
+    """All changes inside are sent to the browser as one."""
+    # Panel's own `hold` loses what is changed while a page is still being opened.
+    document = pn.state.curdoc
+    if document is None:
+        yield
+        return
+    document.hold("combine")
+    try:
+        yield
+    finally:
+        document.unhold()
 
 
 class NumberInput(pn.custom.JSComponent):  # type: ignore[misc]

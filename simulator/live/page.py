@@ -14,7 +14,7 @@ from simulator.events import WORDS
 from simulator.live import links, worker
 from simulator.live.controls import NEW_STEPS, check_size, numbers, with_step, without_step, written
 from simulator.live.figures import INK, PAPER, PROBLEM, Figures, Shown, device_of, event_list
-from simulator.live.inputs import NumberInput, Playback
+from simulator.live.inputs import NumberInput, Playback, held
 from simulator.live.phase_map import PhaseMap
 from simulator.results.plot.animation import frames
 from simulator.results.record import ending
@@ -86,7 +86,9 @@ class Page:
         self._make_widgets()
         self._make_inputs()
         self._say(problem)
-        self.ask(dragging=False)
+        # At once, as part of the page: what is sent while a page is still being opened may be lost.
+        self._paths[worker.path_key(scenario)] = compute(worker.follow, scenario).result or ()
+        self._arrived(scenario, compute(worker.play, scenario), False)
 
     # What the page is made of.
 
@@ -277,7 +279,7 @@ class Page:
     def _arrived(self, asked: Scenario, answer: worker.Answer, dragging: bool) -> None:
         self._seconds = answer.seconds
         history, failure = answer.result or (None, answer.failure)
-        with pn.io.hold():
+        with held():
             if failure:
                 self._say(f"The solver failed: {failure}" if history else failure)
             if history is None or not len(history):
@@ -296,7 +298,7 @@ class Page:
             self._paths.pop(next(iter(self._paths)))
         self._paths[key] = answer.result or ()
         if self.figures and self.shown and worker.path_key(self.scenario) == key:
-            with pn.io.hold():
+            with held():
                 self.figures.show_path(self._paths[key], self.shown)
 
     # What is shown.
@@ -348,7 +350,7 @@ class Page:
 
     def _seek(self, sample: int) -> None:
         if self.shown and self.figures and sample < len(self.shown.history):
-            with pn.io.hold():
+            with held():
                 self.figures.seek(self.shown, sample)
                 self._tell_sample(sample)
 

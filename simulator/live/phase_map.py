@@ -15,6 +15,7 @@ from bokeh.plotting import figure
 from simulator.live import links, worker
 from simulator.live.controls import Number, numbers, rounded, shortest
 from simulator.live.figures import FAINT, INK, PAPER
+from simulator.live.inputs import held
 from simulator.results.plot.map import BEHAVIOURS
 
 if TYPE_CHECKING:
@@ -120,7 +121,7 @@ class PhaseMap:
             self._words.object = html.escape(answer.failure)
             return
         found = list(answer.result)
-        with pn.io.hold():
+        with held():
             self.cells.data = {
                 "x": values[x.key], "y": values[y.key], "colour": [_COLOURS[b] for b in found],
             }  # fmt: skip

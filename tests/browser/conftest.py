@@ -26,7 +26,7 @@ def served(*arguments: str) -> Iterator[str]:
             assert found, "the page is not served"
             yield found[0].rstrip(";")
         finally:
-            server.terminate()
+            server.kill()  # at SIGTERM Bokeh prints, into a pipe that nobody reads any more
 
 
 @pytest.fixture(scope="session")
