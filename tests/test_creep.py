@@ -257,3 +257,20 @@ def test_who_does_not_name_it_does_not_load_it():
         "assert not {'simulator.solver.viscous', 'simulator.simulation.real_time'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_what_equal_balloons_run_into_together_ends_a_history_once():
+    """Two neo-Hookean balloons, driven alike, grow without bound at the same instant."""
+    balloons = [
+        {"name": name, "electrodes": True, "elastomer": {"model": "neo-hookean"}} for name in ("a", "b")
+    ]
+    scenario = {
+        "title": "t",
+        "balloon": balloons,
+        "gas": {"ambient_pressure": 0.0},
+        "step": [{"inflate": 0.4}, {"ramp": 2.5, "over": 1.0}],
+        "dynamics": {"relaxation_time": 0.29},
+    }
+    history = run(load_scenario(scenario))
+    assert [event.kind for event in history.events] == [EventKind.LIMIT_POINT, EventKind.RUNAWAY]
+    assert history.stretch[-1, 0] == history.stretch[-1, 1]

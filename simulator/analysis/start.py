@@ -137,8 +137,10 @@ def rests(device: Device, gas: Contents) -> list[FloatArray]:
         pressures = np.unique(np.concatenate([part[1] for part in combination]))
         pressures = np.concatenate([[low], pressures[(pressures > low) & (pressures < high)], [high]])
         stretches = np.array([np.interp(pressures, part[1], part[0]) for part in combination])
-        excess = np.asarray(gas.defect(pressures, device.radius**3 @ stretches**3))
-        for i in np.flatnonzero(excess[:-1] * excess[1:] <= 0.0):
+        with np.errstate(over="ignore"):  # exponential walls have curves up to the largest numbers
+            excess = np.asarray(gas.defect(pressures, device.radius**3 @ stretches**3))
+        signs = np.sign(excess)
+        for i in np.flatnonzero(signs[:-1] * signs[1:] <= 0.0):
             share = excess[i] / (excess[i] - excess[i + 1]) if excess[i] != excess[i + 1] else 0.0
             guess = np.array([*stretches[:, i], pressures[i]])
             guess += share * (np.array([*stretches[:, i + 1], pressures[i + 1]]) - guess)

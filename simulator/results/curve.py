@@ -38,9 +38,9 @@ class SpecialPoint:
         "limit_point" (v turns round), "branch_point" (another path crosses), "loss_of_sphericity" and
         "sphericity_regained" (a balloon stops being a sphere along the path, or is one again),
         "loss_of_tension" (p = 0), "stretch_limit" (a stretch within 1e-6 of its limit), "out_of_range" (at
-        the end of a measured curve), "unbounded" (a stretch of 1000 of an elastomer without a limit),
-        "zero_voltage", "reached" (what was asked for), "closed" (the path is back at one of its branch
-        points).
+        the end of a measured curve), "unbounded" (a stretch of 1000 of an elastomer without a limit, or a
+        pressure or voltage of a million times its natural size), "zero_voltage", "reached" (what was asked
+        for), "closed" (the path is back at one of its branch points).
     arclength, voltage, stretch, pressure
         Where; voltage (n_electroded,), stretch (n_balloons,).
     balloon, mode : str or None

@@ -197,6 +197,7 @@ class RealTime:
                 self.record.event(EventKind.LIMIT_POINT, here, here, 0.0)
             else:
                 self.record.event(EventKind(passed.kind), here)
+                break  # what equal balloons do at the same instant is said once
         if not passage.ended:
             rows = [k for k in range(read, passage.time.size) if wanted[place[k]]]
             self._samples(states, rows, clock[place])

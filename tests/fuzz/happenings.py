@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from functools import partial
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ MARGIN = 1e-7
 LANDING = 1e-5
 _ENDS = ("loss_of_tension", "breakdown", "runaway", "out_of_range")
 _NUDGE = 3e-5
+_ALIKE = 1e-9  # balloons whose stretches differ by less are alike
 _REST = 1e-10  # speed of a flow that has come to rest
 
 
@@ -192,7 +194,7 @@ class _Seen:
                 continue  # several snaps of one instant
             if kind == "jump" and number > 0 and h.events[number - 1].time == event.time:
                 continue  # what was before it has moved already
-            if np.max(np.abs(event.stretch_before - after)) < 1e-7:
+            if np.max(np.abs(event.stretch_before - after)) < 1e-7 or (ends and self.part_by_chance(event)):
                 continue
             try:
                 found = self.landing(event)
@@ -248,6 +250,15 @@ class _Seen:
         # A state that is left without what held it leaves on the side on which the potential falls more.
         best = max(away, key=lambda one: one[2], default=None)
         return None if best is None or (released and len(away) < 2) else best[:2]
+
+    def part_by_chance(self, event: Any) -> bool:
+        """Whether balloons of the same numbers that are alike part: nothing says when but what is rounded."""
+        before, after = np.asarray(event.stretch_before), np.asarray(event.stretch_after)
+        made = [b.model_dump(exclude={"name", "breakdown"}) for b in self.balloons]
+        return any(
+            made[i] == made[j] and abs(before[i] - before[j]) < _ALIKE and abs(after[i] - after[j]) > LANDING
+            for i, j in combinations(range(len(made)), 2)
+        )
 
     def flow(self, motion: Motion, drive: Drive, start: FloatArray) -> tuple[str, FloatArray, float] | None:
         """How a flow ends, where, and what the potential has lost."""

@@ -158,7 +158,8 @@ def _point_problem(
             room = min(abs(wall.end - float(x)) for wall, x in zip(walls, stretch, strict=True))
             return None if room < 1e-8 else f"{room:.2g} from the end of the table"
         case "unbounded":
-            far = float(np.max(np.abs([point.pressure, *point.voltage]))) > FARTHEST
+            size = max(b.radius / (b.thickness * b.modulus) for b in balloons)
+            far = float(np.max(np.abs([size * point.pressure, *point.voltage]))) > FARTHEST
             return None if far or abs(float(np.max(stretch)) - ENDLESS) < 1e-3 else "not at a stretch of 1000"
     return None
 

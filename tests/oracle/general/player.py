@@ -121,7 +121,7 @@ class Player:
         let_go = self._connect(step)
         legs = self._legs(step)
         first = legs[0].start
-        if step.kind in WAVES and not _same(first, self.values):
+        if step.kind in WAVES and not _same(first, self.values, _reach(legs)):
             self._jump(first, opened)
         else:
             if step.kind in WAVES:
@@ -380,7 +380,17 @@ class Player:
         self.outcome = kind
 
 
-def _same(one: Sequence[float], other: Sequence[float]) -> bool:
-    """Whether two sets of voltages are the same but for rounding."""
-    size = max((abs(value) for value in (*one, *other)), default=0.0)
+def _reach(legs: Sequence[Leg]) -> float:
+    """The largest voltage or charge of some legs, or nearly: one of them is as near to 0 as that rounds."""
+    return max(
+        float(abs(leg.way.at(leg.first + share * (leg.last - leg.first), place)))
+        for leg in legs
+        for place in range(len(leg.start))
+        for share in (0.0, 0.3, 0.7, 1.0)
+    )
+
+
+def _same(one: Sequence[float], other: Sequence[float], reach: float = 0.0) -> bool:
+    """Whether two sets of voltages are the same but for rounding, also that of others as large as `reach`."""
+    size = max(reach, *(abs(value) for value in (*one, *other)))
     return all(abs(a - b) <= SAME_VOLTAGE * size for a, b in zip(one, other, strict=True))
