@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from simulator.results.cycles import Extremes
 from simulator.results.history import EnergyBalance, Event, EventKind, History, Outcome, SolverStatistics
 
 
@@ -46,6 +47,7 @@ def _make(
     marked = [balloons.index(name) for name in electroded]
     field = voltage * stretch[:, marked] ** 2
     return History(
+        extremes=Extremes.of(stretch, field),
         scenario=scenario(title),  # type: ignore[arg-type]
         balloons=balloons,
         electroded=electroded,

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from simulator.cli import app, summary
+from simulator.cli import app, summary, summary_run
 from simulator.results.history import Outcome
 from tests.histories import cycled_pair, slack_pair
 
@@ -149,8 +149,8 @@ def test_quiet_prints_nothing(scenario, simulate):
 def test_only_the_first_events_are_listed(scenario, simulate):
     simulate(cycled_pair(cycles=20))
     output = balloons("run", scenario).stdout
-    assert output.count("limit_point") == summary.EVENTS_SHOWN
-    assert f"… and {40 - summary.EVENTS_SHOWN} more" in output
+    assert output.count("limit_point") == summary_run.EVENTS_SHOWN
+    assert f"… and {40 - summary_run.EVENTS_SHOWN} more" in output
 
 
 @pytest.mark.parametrize("columns", ["30", "80", "400"])

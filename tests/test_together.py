@@ -125,7 +125,7 @@ def test_units_in_until_in_waves_by_name_and_in_a_power_law(capsys):
     assert np.ptp(history.voltage[history.step == 3, 0]) * scenario.scales.voltage == pytest.approx(1e3)
     assert "stretch_a = 1.9 or field_a = 20 MV/m or pressure = 900 Pa" in explain(scenario)
     summarise_run(history, [Path("runs/two/history.csv")])
-    told = capsys.readouterr().out
+    told = " ".join(capsys.readouterr().out.split())
     assert f"ended at time {history.stops[0].time:.10g} s by pressure = 900 Pa" in told
     assert "MV/m, strength " in told
     columns = history.to_dataframe().columns

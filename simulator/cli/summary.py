@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
+import textwrap
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -15,11 +17,9 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from simulator.results.curve import Curve, FoldCurve
-    from simulator.results.history import FloatArray, History, Verdict
+    from simulator.results.history import History
     from simulator.scenario.presets import Material
     from simulator.units import Dimension, Scales
-
-EVENTS_SHOWN = 20
 
 _PATIENCE = 1.0  # seconds a run may take before it shows a progress bar
 _REFRESH = 0.1  # seconds between two updates of the bar
@@ -68,49 +68,17 @@ def progress_bar(*, quiet: bool) -> Iterator[Callable[[float], None] | None]:
 
 def summarise_run(history: History, paths: list[Path]) -> None:
     """Say how a history ended, what happened in it and what it cost."""
-    print(printable(history.scenario.title))
+    from simulator.cli.summary_run import print_events, run_lines
+
+    say("", printable(history.scenario.title))
     second = " s" if history.scenario.scales else ""
     end = f" at time {history.time[-1]:.10g}{second}" if len(history) else ""
-    print(f"\noutcome  {history.outcome.value}{end}")
-    if history.events:
-        print(f"events   {len(history.events)}")
-        _print_table(_event_table(history))
-        hidden = len(history.events) - EVENTS_SHOWN
-        if hidden > 0:
-            print(f"         … and {hidden} more, in events.csv")
-    else:
-        print("events   none")
-    for stop in history.stops[:EVENTS_SHOWN]:
-        how = f"ended at time {stop.time:.10g}{second} by {stop.reached}" if stop.reached else "not reached"
-        print(f"until    step {stop.step}: {how}")
-    if len(history.stops) > EVENTS_SHOWN:
-        print(f"         … and {len(history.stops) - EVENTS_SHOWN} more, in run.json")
-    for verdict in history.verdicts:
-        print(f"film     {_fate(verdict, history.scenario.scales)}")
-    from simulator.cli.summary_shape import shape_lines  # loads what reads scenarios
-    from simulator.cli.summary_units import print_bare
-
-    for line in shape_lines(history):
-        print(f"shape    {line}")
-    print_bare(history.scenario)
-    balance, statistics = history.energy_balance, history.statistics
-    print(f"energy   closes to {balance.relative_imbalance:.1e} of the work exchanged")
-    print(f"cost     {statistics.seconds:.3f} s, {statistics.ida_steps} IDA steps, {len(history)} samples")
+    print()
+    say("outcome", f"{history.outcome.value}{end}")
+    print_events(history)
+    for label, line in run_lines(history):
+        say(label, line)
     print_files(paths)
-
-
-def _fate(verdict: Verdict, scales: Scales | None) -> str:
-    """How a film fared, in words."""
-    where = f"at time {verdict.time:.7g}{' s' if scales else ''}, step {verdict.step}"
-    field, strength = (
-        units.said(units.FIELD, scales, value) if scales else _short(value)
-        for value in (verdict.field, verdict.strength)
-    )
-    field = f"field {field}, strength {strength}"
-    if verdict.broke:
-        during = {"path": "on the path", "snap": "in the snap", "jump": "at the jump"}[verdict.broke]
-        return f"{verdict.balloon}: broke {during} {where}: {field}"
-    return f"{verdict.balloon}: survived; closest {where}: {field}, margin {verdict.margin:.3g}"
 
 
 def summarise_trace(curves: Sequence[Curve], paths: list[Path], *, asked: bool) -> None:
@@ -126,7 +94,7 @@ def summarise_trace(curves: Sequence[Curve], paths: list[Path], *, asked: bool) 
     """
     print(printable(curves[0].title))
     print(f"\npoints   {sum(len(curve.points) for curve in curves)}")
-    _print_table(_point_table(curves))
+    print_table(_point_table(curves))
     for i, curve in enumerate(curves, start=1):
         which = f"curve {i}: " if len(curves) > 1 else ""
         stable = f"{(curve.unstable == 0).mean():.0%}"
@@ -205,8 +173,8 @@ def _point_table(curves: Sequence[Curve]) -> Table:
     table.add_column("point", no_wrap=True)
     points = [point for curve in curves for point in curve.points]
     scales = curves[0].scales
-    volts, volt = _unit(scales, units.VOLTAGE, [float(v) for point in points for v in point.voltage])
-    pascals, pascal = _unit(scales, units.PRESSURE, [point.pressure for point in points])
+    volts, volt = of_column(scales, units.VOLTAGE, [float(v) for point in points for v in point.voltage])
+    pascals, pascal = of_column(scales, units.PRESSURE, [point.pressure for point in points])
     headings = [
         *(f"voltage\n{name}{volt}" for name in curves[0].electroded),
         *(f"stretch\n{name}" for name in curves[0].balloons),
@@ -217,9 +185,9 @@ def _point_table(curves: Sequence[Curve]) -> Table:
     for i, curve in enumerate(curves, start=1):
         for point in curve.points:
             values = (
-                *(_short(voltage, volts) for voltage in point.voltage),
-                *(_short(stretch) for stretch in point.stretch),
-                _short(point.pressure, pascals),
+                *(short(voltage, volts) for voltage in point.voltage),
+                *(short(stretch) for stretch in point.stretch),
+                short(point.pressure, pascals),
             )
             number = [f"{i}"] if len(curves) > 1 else []
             what = f"{point.kind}\n  {point.balloon}" if point.balloon else point.kind
@@ -227,51 +195,9 @@ def _point_table(curves: Sequence[Curve]) -> Table:
     return table
 
 
-def _event_table(history: History) -> Table:
-    """The first events, each on two lines: the state before, and under it the state after."""
-    from rich import box
-    from rich.table import Table
-
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("time\n\\[s]" if history.scenario.scales else "time", justify="right", no_wrap=True)
-    table.add_column("step", justify="right", no_wrap=True)
-    table.add_column("event", no_wrap=True)
-    events = history.events[:EVENTS_SHOWN]
-    scales = history.scenario.scales
-    volts, volt = _unit(scales, units.VOLTAGE, [float(v) for event in events for v in event.voltage])
-    pressures = [p for event in events for p in (event.pressure_before, event.pressure_after)]
-    pascals, pascal = _unit(scales, units.PRESSURE, pressures)
-    joules, joule = _unit(scales, units.ENERGY, [event.dissipated for event in events])
-    headings = [
-        *(f"voltage\n{name}{volt}" for name in history.electroded),
-        *(f"stretch\n{name}" for name in history.balloons),
-        f"pressure{pascal}",
-        f"dissipated{joule}",
-    ]
-    for heading in headings:
-        table.add_column(heading, justify="right", no_wrap=True)
-    for event in events:
-        table.add_row(
-            f"{event.time:.7g}",
-            f"{event.step}",
-            event.kind.value if event.stretch_after is None else f"{event.kind.value}\n  to",
-            *(_short(value, volts) for value in event.voltage),
-            *_both_sides(event.stretch_before, event.stretch_after),
-            *_both_sides(event.pressure_before, event.pressure_after, pascals),
-            "" if event.dissipated is None else f"\n{_short(event.dissipated, joules)}",
-        )
-    return table
-
-
-def _both_sides(
-    before: FloatArray | float, after: FloatArray | float | None, factor: float = 1.0
-) -> list[str]:
-    sides = [before] if after is None else [before, after]
-    columns = zip(*([side] if isinstance(side, float) else side for side in sides), strict=True)
-    return ["\n".join(_short(value, factor) for value in column) for column in columns]
-
-
-def _unit(scales: Scales | None, dimension: Dimension, values: Sequence[float | None]) -> tuple[float, str]:
+def of_column(
+    scales: Scales | None, dimension: Dimension, values: Sequence[float | None]
+) -> tuple[float, str]:
     """What the dimensionless values of a column are to be multiplied by, and the end of its heading."""
     if scales is None:
         return 1.0, ""
@@ -288,7 +214,21 @@ def _with_unit(scales: Scales | None, dimension: Dimension | None, value: float)
 
 def print_files(paths: Sequence[Path]) -> None:
     """Say where files of one directory are."""
-    print(f"files    {paths[0].parent}: {', '.join(path.name for path in paths)}")
+    say("files", f"{paths[0].parent}: {', '.join(path.name for path in paths)}")
+
+
+def say(label: str, text: str) -> None:
+    """Print a line of a summary, on as many lines as the window needs (80 columns, if it is narrower).
+
+    What has no space in it, such as a path, is never broken.
+    """
+    width = max(shutil.get_terminal_size().columns, 80)
+    indent, hang = (f"{label:9}", " " * 9) if label else ("", "")
+    lines = textwrap.wrap(
+        text, width, initial_indent=indent, subsequent_indent=hang,
+        break_long_words=False, break_on_hyphens=False,
+    )  # fmt: skip
+    print("\n".join(lines))
 
 
 def printable(title: str) -> str:
@@ -296,13 +236,14 @@ def printable(title: str) -> str:
     return "".join(letter if letter.isprintable() else " " for letter in title)
 
 
-def _short(value: float, factor: float = 1.0) -> str:
+def short(value: float, factor: float = 1.0) -> str:
     """A dimensionless value in the unit of its column."""
     # Rounding errors about zero are noise to a reader; the files keep every digit.
     return f"{value * factor:.6g}" if abs(value) > 1e-11 else "0"
 
 
-def _print_table(table: Table) -> None:
+def print_table(table: Table) -> None:
+    """Print a table, indented, with every digit."""
     from rich.console import Console
     from rich.padding import Padding
 

@@ -33,5 +33,7 @@ def bare_lines(scenario: Scenario) -> Iterator[str]:
 
 def print_bare(scenario: Scenario) -> None:
     """Print `bare_lines`."""
+    from simulator.cli.summary import say
+
     for line in bare_lines(scenario):
-        print(f"units    {line}")
+        say("units", line)

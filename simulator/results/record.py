@@ -14,6 +14,7 @@ import numpy as np
 
 from simulator.events import Outcome
 from simulator.results.plain_data import encoded
+from simulator.results.summary import summary_record
 
 if TYPE_CHECKING:
     from simulator.results.history import History
@@ -63,6 +64,7 @@ def run_record(history: History, failure: str | None = None) -> dict[str, Any]:
             "events": len(history.events),
             "events_by_kind": dict(Counter(event.kind.value for event in history.events)),
         },
+        "summary": summary_record(history),
         **({"until": [asdict(stop) for stop in history.stops]} if history.stops else {}),
         **({"films": [asdict(verdict) for verdict in history.verdicts]} if history.rated else {}),
         **({"shapes": [verdict.record() for verdict in history.shapes]} if history.sphericity.size else {}),
