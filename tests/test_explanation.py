@@ -41,6 +41,18 @@ def test_breakdown_is_an_event_where_it_is_named():
     )
 
 
+def test_what_keeps_the_balloons_spheres_is_listed_unless_ignored():
+    scenario = load_scenario("scenarios/fig3c_state_b.toml")
+    text = explain(scenario)
+    assert text.count("shape      loss_of_sphericity: active to a pear") == 2
+    assert "loss of sphericity of passive: without a voltage this elastomer stays a sphere" in text
+    film = {"model": "ogden", "mu": [0.2, -1.2, -1.4], "alpha": [2, 1, -2]}
+    assert "only to a pear, only to shear in its surface" in explain(single({"inflate": 1.0}, elastomer=film))
+    assert "loss_of_sphericity" not in explain(
+        load_scenario(scenario.to_dict() | {"shape": {"on_loss": "ignore"}})
+    )
+
+
 @pytest.mark.parametrize(
     ("amplitude", "mean", "jumps"), [(0.1, 0.0, False), (0.1, 0.2, True), (0.0, 0.2, True)]
 )

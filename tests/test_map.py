@@ -54,6 +54,26 @@ def test_the_fold_is_the_border_of_the_snaps(swept, folded):
     assert picked.log == {X}
 
 
+def test_the_border_of_the_pear_is_where_shapes_are_lost(tmp_path):
+    """As above: the word of a run changes exactly where its voltage passes the curve."""
+    vary = {X: {"from": 0.015, "to": 0.12, "points": 3, "spacing": "log"}, Y: [0.305, 0.313, 0.315, 0.325]}
+    run_sweep(
+        read_sweep({"scenario": STATE_B, "vary": vary, "record": {"shapes": True}}), tmp_path, executor=Here()
+    )
+    fold(pair(1.2, {"ramp": 0.4}, ambient=0.015), X, 0.2, of="loss_of_sphericity").to_csv(tmp_path)
+    picked = pick(tmp_path, X, Y, "shape")
+    line = fold_line(str(tmp_path / "fold.csv"), X, Y)
+    lost = picked.columns[Y] > np.interp(picked.columns[X], line.x, line.y)
+    assert picked.columns["shape"].tolist() == [("sphere", "pear_without_snap")[i] for i in lost.tolist()]
+    assert 0 < lost.sum() < lost.size
+    legend = plot_map(picked.columns, X, Y, "shape", curves=[MapCurve(line.x, line.y, line.label)]).legends[0]
+    assert [text.get_text() for text in legend.get_texts()] == [
+        "pear without snap",
+        "sphere",
+        "loss of sphericity",
+    ]
+
+
 def test_cells_stand_where_their_values_are(swept):
     picked = pick(swept, X, Y, "residual_stretch_active", Z)
     figure = plot_map(

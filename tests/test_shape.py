@@ -366,6 +366,39 @@ def test_what_becomes_of_the_shape_in_one_word(name: str, word: str) -> None:
     assert ignored["shape"] is None
 
 
+SHEARING = {"model": "ogden", "mu": [0.2, -1.2, -1.4], "alpha": [2, 1, -2]}
+
+
+def with_a_third(inflate: float, ambient: float, **third: float) -> History:
+    """Fig. 5b, state B with a small third balloon that may shear."""
+    written = load_scenario("scenarios/fig5b_state_b.toml").to_dict()
+    balloons = [*written["balloon"], {"name": "third", "elastomer": SHEARING, **third}]
+    steps = [{"inflate": inflate}, {"ramp": 0.5}]
+    gas = {"ambient_pressure": ambient}
+    return simulate(load_scenario(written | {"gas": gas, "balloon": balloons, "step": steps}))
+
+
+@pytest.mark.parametrize(
+    ("inflate", "ambient", "radius", "modulus", "word"),
+    [
+        (1.6, 0.05, 0.1, 0.02, "shear_before_snap"),
+        (1.2, 0.5, 0.2, 0.02, "shear_without_snap"),
+        (2.0, 0.2, 0.05, 0.5, "pear_in_snap"),
+    ],
+)
+def test_words_of_losses_by_shear_and_on_the_way(
+    inflate: float, ambient: float, radius: float, modulus: float, word: str
+) -> None:
+    history = with_a_third(inflate, ambient, radius=radius, modulus=modulus)
+    assert facts(history, 4)["shape"] == word
+    lost = [event for event in shapes(history) if event.kind is LOST]
+    assert lost[0].mode == word.partition("_")[0]
+    if lost[0].mode == "shear":
+        assert lost[0].balloon == "third"
+        # The lower zero of ½Σ mᵢαᵢλ^(αᵢ−2), passed by the inflation.
+        assert lost[0].stretch_before[2] == pytest.approx(1.800274390265163, abs=1e-9)
+
+
 @pytest.mark.parametrize(
     ("name", "lines"),
     [

@@ -220,6 +220,18 @@ def test_shear_within_the_surface_costs_the_tension_and_the_shear_modulus(set_, 
     assert found == pytest.approx(film.baker_ericksen * N * (N - 2), rel=1e-4, abs=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("stretch", "value"), [(1.79, 1.1735e-3), (1.81, -1.0508e-3), (2.59, -5.48e-4), (2.62, 7.04e-4)]
+)
+def test_on_either_side_of_both_zeros_the_energy_has_the_sign_of_the_shear_stiffness(stretch, value):
+    set_ = (0.2, -1.2, -1.4), (2.0, 1.0, -2.0)
+    film = formulas.Ogden(*set_).coefficients(stretch)
+    for degree, N in ((2, 6), (3, 12), (4, 20)):
+        found = stiffness(energies.ogden(*set_), stretch, 2 * film.tension / stretch, degree) / (N * (N - 2))
+        assert found == pytest.approx(film.baker_ericksen, abs=2e-7)
+        assert found == pytest.approx(value, abs=1e-6)
+
+
 # -- the paper's states --------------------------------------------------------------------------------
 
 PAIRS = {
