@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from simulator import simulate
 from simulator.results.columns import cycle_columns
 from simulator.results.tables import write_run
 from simulator.scenario import load_scenario
@@ -205,3 +206,23 @@ def test_cycles_have_a_table(tmp_path):
     assert history.cycles_to_dataframe()["cycle"].tolist() == [1, 2]
     without = write_run(run(single({"inflate": 0.5})), tmp_path / "other")
     assert "cycles.csv" not in [path.name for path in without]
+
+
+def test_largest_values_are_found_on_a_branch_that_ends_as_soon_as_it_begins() -> None:
+    """A balloon held at the peak of its inflation curve snaps at next to no charge."""
+    balloons = [
+        {"name": "b0", "radius": 0.8648, "elastomer": {"model": "gent", "J_lim": 182.0}},
+        {"name": "b1", "electrodes": True, "elastomer": {"model": "gent", "J_lim": 100.0}},
+    ]
+    history = simulate(
+        {
+            "title": "charged at its peak",
+            "gas": {"ambient_pressure": 0.0},
+            "balloon": balloons,
+            "step": [{"inflate": 1.2536545499043248}, {"charge": {"b1": 3.8}, "valve": "open"}],
+        }
+    )
+    snap = history.events[0]
+    assert (snap.kind.value, snap.step) == ("limit_point", 2)
+    assert snap.stretch_before[1] == pytest.approx(1.39722655, abs=1e-6)
+    assert history.extremes.largest_stretch[1] == pytest.approx(history.stretch[:, 1].max(), abs=1e-9)

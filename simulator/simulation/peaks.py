@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from simulator.model.conditions import COMPLEX_STEP
 from simulator.model.drive import AffineDrive, SineDrive, Waveform
 from simulator.model.elastomers import Number
-from simulator.model.equations import State
+from simulator.model.equations import Equations, State
 from simulator.model.groups import Group
 from simulator.model.membranes import AnyMembrane
 from simulator.model.strength import Strength
@@ -35,7 +35,7 @@ Quantity = Callable[[State], Number]
 _BETWEEN = 3  # states between two points of a branch at which slopes are looked at first
 _NOISE = 1e-12  # of the largest slope: its sign may be rounding
 _ROUNDS = 60
-_CLOSE = 1e-9  # of the width of an interval: a value is off by the square of that
+_CLOSE = 1e-9  # of a chord: a value is off by the square of that
 
 
 def quantities(group: Group) -> list[Quantity]:
@@ -73,6 +73,15 @@ def _off(group: Group, states: FloatArray) -> FloatArray:
     return np.array([v for v in found if low < v < high])
 
 
+@dataclass(frozen=True)
+class Peak:
+    """Where something is largest or smallest: a fraction of a leg, and the state of the group at a place."""
+
+    fraction: float
+    place: int
+    state: FloatArray
+
+
 @dataclass
 class Peaks:
     """What is known of the peaks of branches in a run."""
@@ -81,10 +90,10 @@ class Peaks:
 
     def on_the_way(
         self, responses: Sequence[Response], waveform: Waveform, numbers: Callable[[FloatArray], IntArray]
-    ) -> FloatArray:
-        """The fractions of a leg at which something is largest or smallest, in order.
+    ) -> list[Peak]:
+        """Where in a leg something is largest or smallest, in order of time.
 
-        Of those in which a branch is in the same state again, the first in every cycle.
+        Of the fractions in which a branch is in the same state again, the first in every cycle.
 
         Parameters
         ----------
@@ -93,31 +102,32 @@ class Peaks:
         numbers : callable
             Which cycles some fractions of the leg belong to.
         """
-        found: dict[tuple[int, float, int], float] = {}
-        for response in responses:
+        found: dict[tuple[int, float, int], Peak] = {}
+        for place, response in enumerate(responses):
             for part in parts_of(response, waveform):
-                for v in self.of(response.group, part.branch).tolist():
+                for state in self.of(response.group, part.branch).T:
+                    v = float(state[-1])
                     pieces = part.passing(v)
                     cycles = numbers(0.5 * (waveform.fractions[pieces] + waveform.fractions[pieces + 1]))
                     for first in np.unique(cycles, return_index=True)[1].tolist():
-                        fraction = waveform.when(int(pieces[first]), v)
-                        found.setdefault((id(part.branch), v, int(cycles[first])), fraction)
-        return np.array(sorted(found.values()))
+                        peak = Peak(waveform.when(int(pieces[first]), v), place, state)
+                        found.setdefault((id(part.branch), v, int(cycles[first])), peak)
+        return sorted(found.values(), key=attrgetter("fraction"))
 
     def of(self, group: Group, branch: Branch) -> FloatArray:
-        """The values of v at which something is largest or smallest on a branch, as far as it is known."""
+        """The states of a branch, as far as it is known, in which something is largest or smallest."""
         size = branch.states.shape[1]
         known = self._known.get(id(branch))
         if known is None or known[0] is not branch or known[1] != size:  # a copy of a run has other branches
-            known = branch, size, _peaks(group, branch) if size > 1 else np.empty(0)
+            known = branch, size, _peaks(group, branch) if size > 1 else branch.states[:, :0]
             self._known[id(branch)] = known
         return known[2]
 
 
 def _peaks(group: Group, branch: Branch) -> FloatArray:
-    """The v at which something is largest or smallest on a branch, rising."""
+    """The states of a branch in which something is largest or smallest, in order of rising v."""
     states, ahead = branch.outline(_BETWEEN), branch.headings(_BETWEEN)
-    v, places, which = states[-1], [], []
+    places, which = [], []
     stepped = states + 1j * COMPLEX_STEP * ahead
     found = quantities(group)
     for number, quantity in enumerate(found):
@@ -129,39 +139,45 @@ def _peaks(group: Group, branch: Branch) -> FloatArray:
         changes = np.flatnonzero(slopes[sure[1:]] * slopes[sure[:-1]] < 0.0)
         places += [(sure[k], sure[k + 1]) for k in changes.tolist()]
         which += [number] * changes.size
-    if not places:
-        return _off(group, states)
-    low, high = v[np.array(places)].T
-    turns = _polished(branch, [found[number] for number in which], low, high)
-    return np.unique(np.concatenate([turns, _off(group, states)]))
+    turns = branch.at(_off(group, states))
+    if places:
+        left, right = (states[:, ends] for ends in np.array(places).T)
+        polished = _polished(branch.equations, [found[number] for number in which], left, right)
+        # The outline may turn beside the ends of the branch, where the branch itself does not.
+        inside = (polished[-1] >= states[-1, 0]) & (polished[-1] <= states[-1, -1])
+        turns = np.concatenate([polished[:, inside], turns], axis=1)
+    return turns[:, np.unique(turns[-1], return_index=True)[1]]
 
 
-def _polished(branch: Branch, chosen: Sequence[Quantity], low: FloatArray, high: FloatArray) -> FloatArray:
-    """Where the slopes of n quantities vanish, each between two v: regula falsi, as of Illinois.
+def _polished(
+    equations: Equations, chosen: Sequence[Quantity], left: FloatArray, right: FloatArray
+) -> FloatArray:
+    """The states in which the slopes of n quantities vanish, each between two, (n_unknowns, n).
 
-    Where a slope has the same sign at both ends of the branch itself there is nothing to be found, and what
-    is returned is just another state between them.
+    By regula falsi, as of Illinois, on planes across the chords: v would not do, since it turns at the ends
+    of branches. Where a slope has the same sign at both ends there is nothing to be found, and what is
+    returned is just another state between them.
     """
-    accuracy = _CLOSE * (high - low)
-    first, last = _slopes(branch, chosen, low), _slopes(branch, chosen, high)
+    chords = right - left
+    normals = chords / (equations.scales[:, None] ** 2)
+    normals /= np.einsum("ij,ij->j", normals, chords)
+
+    def at(share: FloatArray) -> tuple[FloatArray, FloatArray]:
+        states, rates = newton.on_planes(equations, left + share * chords, normals)
+        stepped = states + 1j * COMPLEX_STEP * rates
+        return states, np.array([np.imag(of(stepped[:, k])) for k, of in enumerate(chosen)]) / COMPLEX_STEP
+
+    low, high = np.zeros(len(chosen)), np.ones(len(chosen))
+    first, last = at(low)[1], at(high)[1]
     before = high
     for _ in range(_ROUNDS):
         between = np.where(first * last < 0.0, last - first, np.inf)
         middle = np.where(np.isfinite(between), (low * last - high * first) / between, 0.5 * (low + high))
-        slope = _slopes(branch, chosen, middle)
-        if (np.abs(middle - before) <= accuracy).all() or not slope.any():
+        states, slope = at(middle)
+        if (np.abs(middle - before) <= _CLOSE).all() or not slope.any():
             break
         same = slope * first > 0.0
         low, high = np.where(same, middle, low), np.where(same, high, middle)
         first, last = np.where(same, slope, 0.5 * first), np.where(same, 0.5 * last, slope)
         before = middle
-    return middle
-
-
-def _slopes(branch: Branch, chosen: Sequence[Quantity], v: FloatArray) -> FloatArray:
-    """How n quantities change along the path, each at a v of its own."""
-    states = branch.solved(v)
-    forward = np.zeros_like(states)
-    forward[-1] = 1.0
-    stepped = states + 1j * COMPLEX_STEP * newton.tangents(branch.equations, states, forward)
-    return np.array([np.imag(of(stepped[:, k])) for k, of in enumerate(chosen)]) / COMPLEX_STEP
+    return states

@@ -19,7 +19,7 @@ from simulator.simulation.recorder import Recorder
 from simulator.solver.branch import Branch
 
 if TYPE_CHECKING:
-    from simulator.simulation.peaks import Peaks
+    from simulator.simulation.peaks import Peak, Peaks
     from simulator.simulation.present import Samples
     from simulator.simulation.shape import ShapeChange, ShapeWatch
 
@@ -170,10 +170,11 @@ class Playback:
 
     def _between_samples(self, upto: float) -> None:
         """Note where something is largest or smallest up to a fraction, all groups staying on branches."""
-        count = int(np.searchsorted(self.peaks, upto, side="right"))
-        if count:
-            here, self.peaks = self.peaks[:count], self.peaks[count:]
-            self.record.between_samples(self.start + self.lasts * here, self._states(here))
+        here = [peak for peak in self.peaks if peak.fraction <= upto]
+        if here:
+            self.peaks = self.peaks[len(here) :]
+            fractions = np.array([peak.fraction for peak in here])
+            self.record.between_samples(self.start + self.lasts * fractions, self._states_at(here, fractions))
 
     def _cycles(self, upto: float) -> None:
         """Book up to the end of every cycle that ends before a fraction, all groups staying on branches."""
@@ -189,6 +190,19 @@ class Playback:
         """The device at some fractions, all groups staying on their branches."""
         v, way = self.waveform.at(fractions), self.played.leg.way
         states = [branch.at(v) for branch in self.branches if branch is not None]
+        return self.record.present.with_groups(self.groups, way, v, states)
+
+    def _states_at(self, peaks: Sequence[Peak], fractions: FloatArray) -> Samples:
+        """As `_states`, where one group is in a state that is known."""
+        v, way = self.waveform.at(fractions), self.played.leg.way
+        states = []
+        for place, branch in enumerate(self.branches):
+            if branch is not None:
+                known = np.array([peak.place == place for peak in peaks])
+                found = np.empty((len(branch.states), v.size))
+                found[:, known] = np.array([peak.state for peak in peaks if peak.place == place]).T
+                found[:, ~known] = branch.at(v[~known])
+                states.append(found)
         return self.record.present.with_groups(self.groups, way, v, states)
 
     def _changes(self, upto: float) -> Iterator[ShapeChange]:
