@@ -318,6 +318,7 @@ LIBRARIES = {
     "typing_inspection",
 }
 SOLVER = {"sksundae", "scipy", "cython_runtime"}  # scikit-sundae brings scipy
+BY_CHANCE = {"charset_normalizer"}  # numpy's f2py, which scipy loads, takes it where it is there
 
 
 @pytest.mark.parametrize("name", sorted(ON_DEMAND))
@@ -329,7 +330,7 @@ def test_a_run_imports_exactly_what_it_needs(taken_apart):
     for anatomy in taken_apart:
         assert {name.partition(".")[0] for name in anatomy.modules} == PACKAGES
         assert not ON_DEMAND & set(anatomy.modules)
-        assert set(anatomy.libraries) == (LIBRARIES | SOLVER if anatomy.solves else LIBRARIES)
+        assert set(anatomy.libraries) - BY_CHANCE == (LIBRARIES | SOLVER if anatomy.solves else LIBRARIES)
         assert (anatomy.solves == 0) == (anatomy.title == "a balloon left alone")
 
 

@@ -25,7 +25,7 @@ class Extremes:
     """The largest and smallest values of a history, or of a cycle, between its samples too.
 
     The states are those of the equilibrium paths and both sides of every event (of a snap not what lies
-    between them); under `[dynamics]` all of the motion.
+    between them); under `[dynamics]` those of the samples and events.
 
     Attributes
     ----------
