@@ -254,9 +254,12 @@ class _Seen:
     def part_by_chance(self, event: Any) -> bool:
         """Whether balloons of the same numbers that are alike part: nothing says when but what is rounded."""
         before, after = np.asarray(event.stretch_before), np.asarray(event.stretch_after)
-        made = [b.model_dump(exclude={"name", "breakdown"}) for b in self.balloons]
+        made = [(b.radius, b.thickness, b.modulus, b.permittivity) for b in self.balloons]
         return any(
-            made[i] == made[j] and abs(before[i] - before[j]) < _ALIKE and abs(after[i] - after[j]) > LANDING
+            self.balloons[i].elastomer == self.balloons[j].elastomer
+            and np.allclose(made[i], made[j], rtol=1e-12, atol=0.0)
+            and abs(before[i] - before[j]) < _ALIKE
+            and abs(after[i] - after[j]) > LANDING
             for i, j in combinations(range(len(made)), 2)
         )
 
