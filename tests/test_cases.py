@@ -72,6 +72,14 @@ def test_what_charges_held_leaves_to_the_side_where_the_potential_falls_more():
     assert jump.dissipated == pytest.approx(1.4037, abs=1e-4)
 
 
+def test_where_a_state_that_is_let_go_loses_its_tension_does_not_depend_on_how_it_is_let_go():
+    """By SciPy's LSODA, Radau and BDF, from ever nearer to where it stood."""
+    history = played("let-go-loses-tension")
+    assert history.outcome is Outcome.LOSS_OF_TENSION
+    (jump,) = (event for event in history.events if event.kind is EventKind.JUMP)
+    assert jump.stretch_after == pytest.approx([4.40981933, 1.47778754, 1.00145469], abs=1e-6)
+
+
 def test_voltages_switched_off_are_off():
     history = played("jump-spurious")
     assert [event.step for event in history.events] == [2, 3]

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-_OFF = 1e-3  # stretch by which a state that nothing holds is put off its place
+_OFF = 1e-5  # stretch by which a state that nothing holds is put off; its way is off by less than that
 
 
 class QuasiStatic:
