@@ -82,6 +82,7 @@ class Page:
         self._inputs: dict[str, NumberInput] = {}
         self._is_dragging = False
         self._seconds = 0.0
+        self._awaited: Scenario | None = None  # whose history has been asked for and is not there yet
         self._presets = dict(presets or {})
         self._make_widgets()
         self._make_inputs()
@@ -266,18 +267,20 @@ class Page:
 
     def ask(self, *, dragging: bool) -> None:
         """Have the history computed, and the path where it is not known."""
-        asked = self.scenario
+        asked = self._awaited = self.scenario
         self._newest.ask(worker.play, asked, lambda answer: self._arrived(asked, answer, dragging))
         document = pn.state.curdoc
         if document and not dragging:
             document.add_timeout_callback(self._still_computing, _SAID)
 
     def _still_computing(self) -> None:
-        if self._newest.is_busy:
+        if self._awaited is not None:
             self._status.object = '<span class="said" role="status">Computing …</span>'
 
     def _arrived(self, asked: Scenario, answer: worker.Answer, dragging: bool) -> None:
         self._seconds = answer.seconds
+        if asked is self._awaited:
+            self._awaited = None
         history, failure = answer.result or (None, answer.failure)
         with held():
             if failure:

@@ -139,11 +139,6 @@ class Newest:
         self._change = threading.Condition()
         self._is_running = False
 
-    @property
-    def is_busy(self) -> bool:
-        """Whether a history is waiting or anything is being computed."""
-        return self._is_running
-
     def ask(self, function: Callable[[Any], Any], argument: Any, done: Callable[[Answer], None]) -> None:
         """Compute `function(argument)` when its turn comes, and give the answer to `done`."""
         with self._change:
