@@ -340,10 +340,9 @@ class Page:
 
     def _arrange(self, figures: Figures) -> None:
         time = [figures.voltage] if figures.sources and figures.device[1] else []
-        left = pn.Column(*time, figures.stretch, figures.pressure, sizing_mode="stretch_width", min_width=300)
-        right = pn.Column(
-            figures.loop, self._events, self._map.view, sizing_mode="stretch_width", min_width=300
-        )
+        wide: Any = {"sizing_mode": "stretch_width", "min_width": 300}
+        left = pn.Column(*time, figures.stretch, figures.pressure, **wide)
+        right = pn.Column(figures.loop, self._events, self._map.view, **wide)
         for column in (left, right):
             column.styles = {"flex": "1 1 300px"}
         self._pictures[:] = [
@@ -371,10 +370,9 @@ class Page:
     def _tell_sample(self, sample: int) -> None:
         shown = self.shown
         assert shown is not None
-        volts = ", ".join(f"{v:.4g}" for v in shown.voltage[sample])
         values = (
             f"t = {shown.history.time[sample]:.4g}",
-            f"φ = {volts or '–'} {shown.voltage_label}",
+            f"φ = {', '.join(f'{v:.4g}' for v in shown.voltage[sample]) or '–'} {shown.voltage_label}",
             f"p = {shown.pressure[sample]:.4g} {shown.pressure_label}",
         )
         self._now.object = html.escape(" · ".join(values))
