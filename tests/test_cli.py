@@ -305,10 +305,12 @@ def test_what_an_earlier_run_left_beside_new_tables_goes(scenario, simulate):
     simulate(cycled_pair())
     folder = scenario.parent / "results/pair"
     assert balloons("run", scenario, "--plot").exit_code == 0
-    (folder / "sensitivities.csv").write_text("old")
+    for name in ("sensitivities.csv", "cycles.csv", "loops.csv"):
+        (folder / name).write_text("old")
     (folder / "notes.txt").write_text("mine")
     again = balloons("run", scenario)
-    assert "removed  sensitivities.csv, history.png of an earlier run" in again.stdout
+    said = "removed  sensitivities.csv, cycles.csv, loops.csv, history.png of an earlier run"
+    assert said in again.stdout
     assert sorted(path.name for path in folder.iterdir()) == [
         "events.csv",
         "history.csv",

@@ -39,13 +39,13 @@ def run(
 ) -> None:
     """Play a scenario; write history.csv, events.csv and run.json, and say what happened."""
     from simulator.results.files import check_writable
-    from simulator.results.tables import RUN_FILES, SENSITIVITIES_FILE, write_run
+    from simulator.results.tables import CYCLES_FILE, RUN_FILES, SENSITIVITIES_FILE, write_run
     from simulator.scenario import load_scenario
 
     directory = Path("results") / scenario.stem if out is None else out
     shown = _panels(panels)
     picture = wanted(PICTURE, plot=plot or shown is not None, form=form)
-    more = (SENSITIVITIES_FILE,) if sensitivities else ()
+    more = (CYCLES_FILE, *([SENSITIVITIES_FILE] if sensitivities else []))
     paths: list[Path] = []
     with errors_reported(lambda: interrupted(paths)):
         loaded = load_scenario(scenario)
@@ -89,10 +89,11 @@ def _write_loops(history: History, directory: Path) -> list[Path]:
 def _old(written: list[Path]) -> list[str]:
     """What an earlier run may have left where a history has been written."""
     from simulator.results.loops import LOOPS_FILE
-    from simulator.results.tables import SENSITIVITIES_FILE
+    from simulator.results.tables import CYCLES_FILE, SENSITIVITIES_FILE
 
     there = {path.name for path in written}
-    return [name for name in (SENSITIVITIES_FILE, LOOPS_FILE, *any_format(PICTURE)) if name not in there]
+    known = (SENSITIVITIES_FILE, CYCLES_FILE, LOOPS_FILE, *any_format(PICTURE))
+    return [name for name in known if name not in there]
 
 
 def _played(scenario: Scenario, directory: Path, picture: str | None, *, quiet: bool) -> History:

@@ -71,9 +71,8 @@ class Page:
         self.shown: Shown | None = None
         self.figures: Figures | None = None
         self._frames: list[int] = [0]
-        self._post = post
+        self._post, self.preset = post, preset
         self._location = pn.state.location
-        self.preset = preset
         self._newest = worker.Newest(compute, post)
         mapping = worker.Newest(compute_map or compute, post)
         self._map = PhaseMap(mapping, self._later, self._set, dark=dark)
