@@ -70,8 +70,8 @@ lowest pythons: $(INSTALLED)
 
 # The second line is what does not time one function, and prints or asserts instead.
 bench: $(INSTALLED)
-	$(BIN)/python -m pytest tests/benchmarks -k "not (memory or reach or cpu)" $(or $(OPTIONS),--benchmark-enable)
-	$(BIN)/python -m pytest tests/benchmarks -k "memory or reach or cpu" -s
+	$(BIN)/python -m pytest tests/benchmarks -k "not (memory or reach or cpu or paint)" $(or $(OPTIONS),--benchmark-enable)
+	$(BIN)/python -m pytest tests/benchmarks -k "memory or reach or cpu or paint" -s
 
 fuzz: $(INSTALLED)
 	$(BIN)/python -m tests.fuzz $(N) --seed $(SEED) --keep results/fuzz --report $(REPORT)

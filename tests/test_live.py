@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from simulator import ScenarioError, load_scenario, simulate
+from simulator import Replay, ScenarioError, load_scenario, simulate
 from simulator.live import links
 from simulator.live.controls import (
     NEW_STEPS,
@@ -113,6 +113,14 @@ def test_text_is_read_but_no_file_that_it_names():
         links.from_text(links.to_text(TABLE), FIG5B)
     with pytest.raises(ScenarioError, match="must be TOML"):
         links.from_text("title = ", FIG5B)
+
+
+def test_steps_before_the_one_that_moves_are_not_played_again():
+    replay = Replay()
+    moved = FIG5B.with_values({"step.4.jump": 0.05})
+    assert play(FIG5B, replay) == (simulate(FIG5B), "")
+    assert replay.known(moved) == 3
+    assert play(moved, replay) == (simulate(moved), "")
 
 
 def test_the_process_computes_and_is_ended_where_it_takes_too_long():

@@ -39,12 +39,12 @@ _MARKERS = {
     EventKind.SPHERICITY_REGAINED: "hex",
 }
 _COLUMNS = {
-    "samples": "",  # as many as there are balloons
+    "samples": "",  # as many as there are balloons; each column is a message of its own
     "jumps": "xs ys",
     "events": "t x y marker",
     "stable": "x y",
     "unstable": "x y",
-    "ghost": "t x y v0",
+    "ghost": "",
     "now": "x y",
     "balloons": "x r colour width words",
     "tube": "x to",
@@ -101,6 +101,7 @@ class Figures:
     def __init__(self, history: History, *, dark: bool) -> None:
         self.device = device_of(history)
         self._dark = dark
+        self._path: Any = None  # what is drawn of it
         ink, faint, gas = INK[dark], FAINT[dark], GASES[dark]
         self.sources = {
             name: ColumnDataSource({column: [] for column in columns.split()}, name=name)
@@ -108,8 +109,11 @@ class Figures:
         }
         voltages: dict[str, Any] = {f"v{i}": [] for i in range(len(history.electroded))}
         stretches: dict[str, Any] = {f"s{i}": [] for i in range(len(history.balloons))}
-        self.sources["samples"].data = {"t": [], "x": [], "y": [], "p": [], **voltages, **stretches}
         s = self.sources
+        for name in ("samples", "ghost"):
+            s[name].data = {"t": [], "p": [], **voltages, **stretches}
+        shown = history.balloons.index(history.electroded[0]) if history.electroded else 0
+        x, y = "v0" if history.electroded else "p", f"s{shown}"  # the loop
         self.loop = self._figure(
             "loop", "Stretch over voltage" if history.electroded else "Stretch over pressure", 390
         )
@@ -122,9 +126,10 @@ class Figures:
             panel.x_range = self.voltage.x_range
             panel.xaxis.axis_label = "time t"
             panel.add_layout(span)
-        self.voltage.line("t", "v0", source=s["ghost"], color=faint, alpha=0.5)
-        self.stretch.line("t", "y", source=s["ghost"], color=faint, alpha=0.5)
-        self.loop.line("x", "y", source=s["ghost"], color=faint, alpha=0.6, line_width=3)
+        if history.electroded:
+            self.voltage.line("t", "v0", source=s["ghost"], color=faint, alpha=0.5)
+        self.stretch.line("t", y, source=s["ghost"], color=faint, alpha=0.5)
+        self.loop.line(x, y, source=s["ghost"], color=faint, alpha=0.6, line_width=3)
         self.loop.line("x", "y", source=s["stable"], color=faint, line_width=1.5)
         self.loop.line("x", "y", source=s["unstable"], color=faint, line_width=1, line_dash="dotted")
         self.loop.multi_line("xs", "ys", source=s["jumps"], color=ink, line_dash="dashed")
@@ -136,11 +141,12 @@ class Figures:
         for i, colour in enumerate(colours):
             self.stretch.line("t", f"s{i}", source=s["samples"], color=colour, line_width=2)
         self.pressure.line("t", "p", source=s["samples"], color=ink, line_width=2)
-        shown = colours[history.balloons.index(history.electroded[0]) if history.electroded else 0]
-        self.loop.line("x", "y", source=s["samples"], color=shown, line_width=2.5)
+        self.loop.line(x, y, source=s["samples"], color=colours[shown], line_width=2.5)
         for panel, place in ((self.loop, "x"), (self.stretch, "t")):
             panel.scatter(place, "y", source=s["events"], marker="marker", size=12, color=ink, fill_alpha=0.5)
-        self.loop.scatter("x", "y", source=s["now"], size=13, color=shown, line_color=ink, line_width=2)
+        self.loop.scatter(
+            "x", "y", source=s["now"], size=13, color=colours[shown], line_color=ink, line_width=2
+        )
         self.balloons.segment("x", 0, "to", 0, source=s["tube"], color=gas, line_width=10)
         self.balloons.circle(
             "x", 0, radius="r", radius_dimension="min", source=s["balloons"], fill_color=gas,
@@ -173,13 +179,13 @@ class Figures:
         """Put a history into the pictures; `growing` axes keep what they showed before."""
         history, x, y = shown.history, shown.x, shown.y
         breaks = np.flatnonzero(np.diff(history.branch)) + 1
-        columns = {"t": history.time, "x": x, "y": y, "p": shown.pressure}
+        columns = {"t": history.time, "p": shown.pressure}
         columns |= {f"v{i}": shown.voltage[:, i] for i in range(shown.voltage.shape[1])}
         columns |= {f"s{i}": history.stretch[:, i] for i in range(len(history.balloons))}
         self.sources["samples"].data = {k: np.insert(v, breaks, np.nan) for k, v in columns.items()}
-        self.sources["jumps"].data = {
-            "xs": [x[b - 1 : b + 1] for b in breaks],
-            "ys": [y[b - 1 : b + 1] for b in breaks],
+        self.sources["jumps"].data = {  # short ones as lists: each array is a message of its own
+            "xs": [x[b - 1 : b + 1].tolist() for b in breaks],
+            "ys": [y[b - 1 : b + 1].tolist() for b in breaks],
         }
         self.sources["events"].data = _marks(shown)
         self.loop.xaxis.axis_label = (
@@ -206,7 +212,7 @@ class Figures:
         width = float(2 * largest.sum() + gap * (len(radii) - 1)) * 1.06
         self.balloons.x_range.start, self.balloons.x_range.end = -0.03 * width, width
         self.balloons.y_range.start, self.balloons.y_range.end = -1.1 * largest.max(), 1.1 * largest.max()
-        self.sources["tube"].data = {"x": self.centres[:-1], "to": self.centres[1:]}
+        self.sources["tube"].data = {"x": self.centres[:-1].tolist(), "to": self.centres[1:].tolist()}
 
     @staticmethod
     def _fit(axis: Range1d, values: FloatArray, growing: bool, margin: float = 0.06) -> None:
@@ -224,25 +230,38 @@ class Figures:
         stretch, radii = history.stretch[sample], [b.radius for b in history.scenario.balloons]
         has_electrodes = [name in history.electroded for name in history.balloons]
         self.sources["balloons"].data = {
-            "x": self.centres,
-            "r": stretch * radii,
+            "x": self.centres.tolist(),
+            "r": (stretch * radii).tolist(),
             "colour": self.colours,
             "width": [5 if on else 2 for on in has_electrodes],
             "words": [f"{n}\nλ = {v:.4g}" for n, v in zip(history.balloons, stretch, strict=True)],
         }
-        self.sources["now"].data = {"x": shown.x[sample : sample + 1], "y": shown.y[sample : sample + 1]}
+        self.sources["now"].data = {"x": [float(shown.x[sample])], "y": [float(shown.y[sample])]}
         for span in self._spans:
             span.location = float(history.time[sample])
 
     def keep_ghost(self) -> None:
         """Leave what is shown as a faint line behind what follows."""
-        data = self.sources["samples"].data
-        self.sources["ghost"].data = {k: data[k] for k in data if k in ("t", "x", "y", "v0")}
+        self.sources["ghost"].data = dict(self.sources["samples"].data)
 
     def show_path(self, curves: Sequence[Curve], shown: Shown) -> None:
         """Draw equilibrium paths behind the loop, and make room for the next limit point; none hide them."""
         if not shown.is_common:
             curves = ()
+        if self._path != (drawn := (curves, shown.volts, shown.balloon)):
+            self._path = drawn
+            self._draw_path(curves, shown)
+        beyond = [
+            (p.voltage[0] * shown.volts, p.stretch[shown.balloon])
+            for p in (point for curve in curves for point in curve.points)
+            if p.kind == "limit_point" and p.voltage[0] * shown.volts > shown.x.max()
+        ]
+        if beyond:
+            next_x, next_y = min(beyond)
+            self._fit(self.loop.x_range, np.append(shown.x, next_x), True)
+            self._fit(self.loop.y_range, np.append(shown.y, next_y), True)
+
+    def _draw_path(self, curves: Sequence[Curve], shown: Shown) -> None:
         lines: dict[str, list[FloatArray]] = {"stable": [np.empty((2, 0))], "unstable": [np.empty((2, 0))]}
         for curve in curves:
             points = np.array([curve.voltage[:, 0] * shown.volts, curve.stretch[:, shown.balloon]])
@@ -253,15 +272,6 @@ class Figures:
                 lines[name] += [np.where(drawn, points, np.nan), np.full((2, 1), np.nan)]
         for name, parts in lines.items():
             self.sources[name].data = dict(zip("xy", np.hstack(parts), strict=True))
-        beyond = [
-            (p.voltage[0] * shown.volts, p.stretch[shown.balloon])
-            for p in (point for curve in curves for point in curve.points)
-            if p.kind == "limit_point" and p.voltage[0] * shown.volts > shown.x.max()
-        ]
-        if beyond:
-            next_x, next_y = min(beyond)
-            self._fit(self.loop.x_range, np.append(shown.x, next_x), True)
-            self._fit(self.loop.y_range, np.append(shown.y, next_y), True)
 
 
 def device_of(history: History) -> Any:

@@ -1,13 +1,13 @@
 """Controls of the page that a keyboard and a screen reader can use: one number, and the playback.
 
 Panel's own slider and player have no names for a screen reader (axe: `aria-input-field-name`,
-`button-name`), so these two are made of the browser's own elements.
+`button-name`), so these two are made of the browser's own elements. So are words that change: when the text
+of Panel's pane changes, the whole page is laid out anew, and a slider that is being dragged is let go of.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
 import panel as pn
@@ -17,6 +17,8 @@ from simulator.live.controls import Number
 from simulator.scenario.mapping import number_and_unit
 
 _STYLE = """
+:host { color: var(--ink); font-size: 14px; } h1 { font-size: 18px; margin: 0; }
+.problem { color: var(--problem); }
 label { display: block; font-size: 12px; } [role=alert] { color: var(--problem); font-size: 12px; }
 .row { display: flex; gap: 10px; align-items: center; color: var(--ink); }
 input[type=text] { width: 90px; font: inherit; font-size: 13px; padding: 2px 5px; color: inherit;
@@ -24,21 +26,6 @@ input[type=text] { width: 90px; font: inherit; font-size: 13px; padding: 2px 5px
 input[type=range] { flex: 1; min-width: 80px; accent-color: #0072B2; margin: 0; }
 button { width: 76px; font: inherit; font-size: 13px; padding: 3px; }
 """
-
-
-@contextmanager
-def held() -> Iterator[None]:
-    """All changes inside are sent to the browser as one."""
-    # Panel's own `hold` loses what is changed while a page is still being opened.
-    document = pn.state.curdoc
-    if document is None:
-        yield
-        return
-    document.hold("combine")
-    try:
-        yield
-    finally:
-        document.unhold()
 
 
 class NumberInput(pn.custom.JSComponent):  # type: ignore[misc]
@@ -114,8 +101,41 @@ class NumberInput(pn.custom.JSComponent):  # type: ignore[misc]
         self.param.update(text=text, value=read[0], low=low, high=high, unit=read[1])
 
 
+class Words(pn.custom.JSComponent):  # type: ignore[misc]
+    """Text that changes.
+
+    Parameters
+    ----------
+    role : str, optional
+        "heading", or "status" or "alert" for what a screen reader is to say at once.
+    look : str, optional
+        "problem" for something wrong.
+    """
+
+    text, role, look = param.String(), param.String(), param.String()
+
+    _esm = """
+    export function render({ model }) {
+      const box = document.createElement(model.role === "heading" ? "h1" : "div")
+      if (["status", "alert"].includes(model.role)) box.setAttribute("role", model.role)
+      box.className = model.look
+      const show = () => { box.textContent = model.text }
+      model.on("text", show)
+      show()
+      return box
+    }
+    """
+
+    def __init__(self, role: str = "", look: str = "", margin: Any = (0, 10)) -> None:
+        super().__init__(
+            role=role, look=look, margin=margin, sizing_mode="stretch_width", stylesheets=[_STYLE]
+        )
+
+
 class Playback(pn.custom.JSComponent):  # type: ignore[misc]
     """A button that plays, and a slider for the frame that is shown, counted from 0.
+
+    It also dims the column that it stands in, without laying out the page anew.
 
     Parameters
     ----------
@@ -123,7 +143,7 @@ class Playback(pn.custom.JSComponent):  # type: ignore[misc]
         Told the frame.
     """
 
-    frame, last = param.Integer(default=1), param.Integer(default=1)
+    frame, last, dim = param.Integer(default=1), param.Integer(default=1), param.Boolean()
 
     _esm = """
     export function render({ model }) {
@@ -149,6 +169,9 @@ class Playback(pn.custom.JSComponent):  # type: ignore[misc]
       range.oninput = tell
       const show = () => { range.max = model.last; range.value = model.frame }
       model.on(["frame", "last"], show)
+      model.on("dim", () => {
+        box.getRootNode().host.getRootNode().host.style.opacity = model.dim ? 0.45 : 1
+      })
       model.on("remove", stop)
       show()
       return box

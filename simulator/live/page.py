@@ -9,12 +9,13 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import panel as pn
+from panel.io import unlocked
 
 from simulator.events import WORDS
 from simulator.live import links, worker
 from simulator.live.controls import NEW_STEPS, check_size, numbers, with_step, without_step, written
 from simulator.live.figures import INK, PAPER, PROBLEM, Figures, Shown, device_of, event_list
-from simulator.live.inputs import NumberInput, Playback, held
+from simulator.live.inputs import NumberInput, Playback, Words
 from simulator.live.phase_map import PhaseMap
 from simulator.results.plot.animation import frames
 from simulator.results.record import ending
@@ -25,11 +26,11 @@ if TYPE_CHECKING:
     from simulator.scenario import Scenario
 
 SLOW = 0.15  # seconds; a scenario that takes longer is played when a slider is let go of
+_TRIED = 1.0  # seconds; one that took less is tried once a drag: steps that did not change take no time
 _SAID = 300  # ms after which "computing" is said
 
 _STYLE = """
-:host { color: %s; } .problem { color: %s; font-size: 12px; } .dim { opacity: 0.45; }
-h1 { font-size: 18px; margin: 0; } .said { font-size: 14px; }
+:host { color: %s; } .problem { color: %s; font-size: 12px; }
 """
 
 
@@ -94,9 +95,8 @@ class Page:
 
     def _make_widgets(self) -> None:
         style = [_STYLE % (INK[self.dark], PROBLEM[self.dark])]
-        self._title = pn.pane.HTML("", stylesheets=style, sizing_mode="stretch_width", margin=(5, 10, 0, 10))
-        self._status = pn.pane.HTML("", stylesheets=style, sizing_mode="stretch_width", margin=(0, 10))
-        self._banner = pn.pane.HTML("", stylesheets=style, visible=False, margin=(0, 10))
+        self._title, self._status = Words("heading", margin=(5, 10, 0, 10)), Words("status")
+        self._banner = Words("alert", "problem")
         reset = pn.widgets.Button(name="Reset", width=70)
         reset.on_click(self._later(lambda _: self.open(self.opened)))
         downloads = [
@@ -121,7 +121,7 @@ class Page:
         self._numbers = pn.Column(sizing_mode="stretch_width", stylesheets=style)
         self._pictures = pn.Column(sizing_mode="stretch_width", min_height=300)
         self._player = Playback(self._later(self._seek_frame))
-        self._now = pn.pane.HTML("", stylesheets=style, sizing_mode="stretch_width")
+        self._now = Words()
         self._events = pn.widgets.Select(
             name="Events (choose one to go there)", size=6, sizing_mode="stretch_width",
             stylesheets=[*style, "select { font-size: 12px; }"],
@@ -191,10 +191,10 @@ class Page:
 
     def _moved(self, one: NumberInput, text: str, dragging: bool) -> None:
         self._texts[one.number.key] = text
-        if dragging and not self._is_dragging and self.figures:
+        begins, self._is_dragging = dragging and not self._is_dragging, dragging
+        if begins and self.figures:
             self.figures.keep_ghost()
-        self._is_dragging = dragging
-        if dragging and self._seconds > SLOW:
+        if dragging and self._seconds > (_TRIED if begins else SLOW):
             return
         self._apply(dragging=dragging)
 
@@ -218,7 +218,7 @@ class Page:
         self._texts.clear()
         for one in self._inputs.values():
             one.problem = ""
-        self._banner.visible = False
+        self._say("")
         self.ask(dragging=dragging)
 
     def _complain(self, error: ScenarioError) -> None:
@@ -232,7 +232,7 @@ class Page:
             else:
                 others.append(f"{problem.key}: {problem.allowed}".removeprefix(": "))
         self._say("; ".join(others))
-        self._dim(True)
+        self._player.dim = True
 
     def _try(self, make: Callable[[], Scenario]) -> None:
         """Open what is made, or say why it makes no sense."""
@@ -258,7 +258,7 @@ class Page:
     def open(self, scenario: Scenario) -> None:
         """Show another scenario."""
         self.scenario = scenario
-        self._banner.visible = False
+        self._say("")
         self._make_inputs()
         self.ask(dragging=False)
 
@@ -274,18 +274,18 @@ class Page:
 
     def _still_computing(self) -> None:
         if self._awaited is not None:
-            self._status.object = '<span class="said" role="status">Computing …</span>'
+            self._status.text = "Computing …"
 
     def _arrived(self, asked: Scenario, answer: worker.Answer, dragging: bool) -> None:
         self._seconds = answer.seconds
         if asked is self._awaited:
             self._awaited = None
         history, failure = answer.result or (None, answer.failure)
-        with held():
+        with unlocked():
             if failure:
                 self._say(f"The solver failed: {failure}" if history else failure)
             if history is None or not len(history):
-                self._dim(True)
+                self._player.dim = True
                 return
             self._draw(history, growing=dragging and self._is_dragging)
             path = worker.path_key(asked)
@@ -300,7 +300,7 @@ class Page:
             self._paths.pop(next(iter(self._paths)))
         self._paths[key] = answer.result or ()
         if self.figures and self.shown and worker.path_key(self.scenario) == key:
-            with held():
+            with unlocked():
                 self.figures.show_path(self._paths[key], self.shown)
 
     # What is shown.
@@ -310,7 +310,7 @@ class Page:
         if self.figures is None or self.figures.device != device_of(history):
             self.figures = Figures(history, dark=self.dark)
             self._arrange(self.figures)
-        self._dim(False)
+        self._player.dim = False
         self.figures.show(shown, growing=growing)
         was_at_end, share = self._player.frame >= self._player.last, self._player.frame / self._player.last
         self._frames = frames(history, 240, 8)
@@ -318,13 +318,10 @@ class Page:
         frame = last if was_at_end or self._is_dragging else round(share * last)
         self._player.param.update(last=last, frame=frame)
         self._seek(self._frames[frame])
-        title = html.escape(history.scenario.title)
-        self._title.object = f"<h1>{title}</h1>"
+        self._title.text = history.scenario.title
         kinds = [WORDS[event.kind] for event in history.events]
         summary = ", ".join(f"{kinds.count(k)} × {k}" for k in dict.fromkeys(kinds)) or "no events"
-        self._status.object = (
-            f'<span class="said" role="status">{html.escape(ending(history))}; {html.escape(summary)}</span>'
-        )
+        self._status.text = f"{ending(history)}; {summary}"
         if not growing:
             self._events.param.update(options=event_list(shown), value=None)
             self._text.value = links.to_text(self.scenario)
@@ -351,7 +348,7 @@ class Page:
 
     def _seek(self, sample: int) -> None:
         if self.shown and self.figures and sample < len(self.shown.history):
-            with held():
+            with unlocked():
                 self.figures.seek(self.shown, sample)
                 self._tell_sample(sample)
 
@@ -374,15 +371,10 @@ class Page:
             f"φ = {', '.join(f'{v:.4g}' for v in shown.voltage[sample]) or '–'} {shown.voltage_label}",
             f"p = {shown.pressure[sample]:.4g} {shown.pressure_label}",
         )
-        self._now.object = html.escape(" · ".join(values))
-
-    def _dim(self, dim: bool) -> None:
-        self._pictures.css_classes = ["dim"] if dim else []
-        self._pictures.styles = {"opacity": "0.45"} if dim else {}
+        self._now.text = " · ".join(values)
 
     def _say(self, words: str) -> None:
-        self._banner.object = f'<span class="problem" role="alert">{html.escape(words)}</span>'
-        self._banner.visible = bool(words)
+        self._banner.text = words
 
     # Downloads.
 

@@ -11,11 +11,11 @@ import numpy as np
 import panel as pn
 from bokeh.models import ColumnDataSource, Range1d
 from bokeh.plotting import figure
+from panel.io import unlocked
 
 from simulator.live import links, worker
 from simulator.live.controls import Number, numbers, rounded, shortest
 from simulator.live.figures import FAINT, INK, PAPER
-from simulator.live.inputs import held
 from simulator.results.plot.map import BEHAVIOURS
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ class PhaseMap:
             self._words.object = html.escape(answer.failure)
             return
         found = list(answer.result)
-        with held():
+        with unlocked():
             self.cells.data = {
                 "x": values[x.key], "y": values[y.key], "colour": [_COLOURS[b] for b in found],
             }  # fmt: skip

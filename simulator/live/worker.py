@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from simulator.results.history import History
     from simulator.scenario import Scenario
+    from simulator.simulation.replay import Replay
 
 LIMIT = 30.0  # seconds that a computation may take
 _QUIET = 0.15  # seconds without a newer history before something slower is begun
@@ -30,17 +31,17 @@ class Answer:
     seconds: float = 0.0
 
 
-def play(scenario: Any) -> tuple[History | None, str]:
+def play(scenario: Any, replay: Replay | None = None) -> tuple[History | None, str]:
     """The history of a scenario; where the solver failed, what it had reached and why it failed."""
     from simulator.simulation.run import SolverError, simulate
 
     try:
-        return simulate(scenario), ""
+        return simulate(scenario, replay=replay), ""
     except SolverError as error:
         return error.history, str(error)
 
 
-def follow(scenario: Any) -> Any:
+def follow(scenario: Any, _: Replay | None = None) -> Any:
     """The equilibrium paths of a scenario, detached ones too; () where it has none."""
     from simulator.analysis.trace import trace_all
     from simulator.scenario import ScenarioError
@@ -51,7 +52,7 @@ def follow(scenario: Any) -> Any:
         return ()  # without electrodes, or with an inflation that ends in an event
 
 
-def phases(asked: Any) -> Any:
+def phases(asked: Any, _: Replay | None = None) -> Any:
     """The behaviour of every point of a map; see `phase_map`."""
     from simulator.sweep import simulate_many
 
@@ -68,6 +69,11 @@ def path_key(scenario: Scenario) -> str:
 
 def _serve(pipe: Connection) -> None:
     """In the process: answer until the pipe is closed."""
+    from simulator.simulation.replay import Replay
+
+    replay = (
+        Replay()
+    )  # of the last history, so that steps before the one that is changed are not played again
     while True:
         try:
             function, argument = pipe.recv()
@@ -75,7 +81,7 @@ def _serve(pipe: Connection) -> None:
             return
         start = time.process_time()
         try:
-            answer = Answer(function(argument))
+            answer = Answer(function(argument, replay))
         except Exception as error:
             answer = Answer(failure=f"{type(error).__name__}: {error}")
         pipe.send(Answer(answer.result, answer.failure, time.process_time() - start))
@@ -90,7 +96,7 @@ class Worker:
         self._pipe: Connection | None = None
 
     def __call__(self, function: Callable[[Any], Any], argument: Any, limit: float = LIMIT) -> Answer:
-        """Compute `function(argument)`; a failure, or a run beyond the limit in seconds, is an answer too."""
+        """Compute `function(argument, replay)`; a failure, or more than `limit` seconds, is an answer too."""
         with self._turn:
             pipe = self._running()
             try:

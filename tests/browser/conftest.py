@@ -16,22 +16,23 @@ ROOT = Path(__file__).parents[2]
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")
 
 
-def served(*arguments: str) -> Iterator[str]:
-    """The address of a page that is served until the test is done."""
+def served_by(*arguments: str) -> Iterator[tuple[str, int]]:
+    """The address of a page that is served until the test is done, and the number of its process."""
     command = [sys.executable, "-m", "simulator", "live", *arguments, "--no-show"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as server:
         try:
             assert server.stdout is not None
             found = re.search(r"http://\S+", server.stdout.readline())
             assert found, "the page is not served"
-            yield found[0].rstrip(";")
+            yield found[0].rstrip(";"), server.pid
         finally:
             server.kill()  # at SIGTERM Bokeh prints, into a pipe that nobody reads any more
 
 
 @pytest.fixture(scope="session")
 def address() -> Iterator[str]:
-    yield from served("scenarios/fig5b_state_b.toml")
+    for found, _ in served_by("scenarios/fig5b_state_b.toml"):
+        yield found
 
 
 @pytest.fixture(scope="session")

@@ -14,14 +14,21 @@ from simulator import load_scenario, simulate
 SCENARIO = "scenarios/fig5b_state_b.toml"
 
 
-def drawn(visit, name="x"):
+def drawn(visit, name="v0"):
     return np.array(visit.column("samples", name), dtype=float)
+
+
+def shown_at(visit):
+    """The opacity of the pictures."""
+    return visit.page.get_by_label("moment shown").evaluate(
+        "(e) => Number(getComputedStyle(e.getRootNode().host.getRootNode().host).opacity)"
+    )
 
 
 def test_the_page_draws_the_history(visit):
     page = visit()
     history = simulate(SCENARIO)
-    x, y = drawn(page), drawn(page, "y")
+    x, y = drawn(page), drawn(page, "s0")
     assert np.array_equal(x[np.isfinite(x)], history.voltage[:, 0])
     assert np.array_equal(y[np.isfinite(y)], history.stretch[:, 0])
     assert np.isnan(x).sum() == 3  # a line is broken where the balloons jump
@@ -38,7 +45,7 @@ def test_it_is_drawn_anew_before_the_slider_is_let_go_of(visit):
     mouse.down()
     mouse.move(box["x"] + box["width"] * 0.75, box["y"] + box["height"] / 2, steps=4)
     page.until(lambda: np.nanmax(drawn(page)) > 0.25)
-    assert np.nanmax(page.column("ghost", "x")) == 0.2  # what was shown before, faintly
+    assert np.nanmax(page.column("ghost", "v0")) == 0.2  # what was shown before, faintly
     high = page.page.evaluate("Bokeh.documents[0].get_model_by_name('loop').x_range.end")
     mouse.move(box["x"] + box["width"] * 0.3, box["y"] + box["height"] / 2, steps=4)
     page.until(lambda: np.nanmax(drawn(page)) < 0.15)
@@ -48,6 +55,30 @@ def test_it_is_drawn_anew_before_the_slider_is_let_go_of(visit):
     page.until(
         lambda: page.page.evaluate("Bokeh.documents[0].get_model_by_name('voltage').y_range.end") < 0.15
     )
+
+
+def test_a_slider_stays_in_the_hand_while_words_change_and_a_value_is_wrong(visit):
+    page = visit()
+    for name, low, high in (("ramp", 0.3, 0.7), ("radius", 0.0, 0.8)):
+        slider = page.slider(name)
+        slider.scroll_into_view_if_needed()
+        box = slider.bounding_box()
+        to = [box["x"] + share * box["width"] for share in (0.5, low, high)]
+        page.page.mouse.move(to[0], box["y"] + box["height"] / 2)
+        page.page.mouse.down()
+        held = float(page.field(name).input_value())
+        page.page.mouse.move(to[1], box["y"] + box["height"] / 2)
+        if name == "ramp":  # below the limit point: other words
+            page.page.get_by_text("1 × limit point, 1 × voltage jump").wait_for()
+        else:
+            page.page.get_by_text("must be a number > 0", exact=True).wait_for()
+            assert shown_at(page) == 0.45  # dimmed
+        page.page.wait_for_timeout(200)
+        page.page.mouse.move(to[2], box["y"] + box["height"] / 2)
+        page.until(lambda held=held, name=name: float(page.field(name).input_value()) not in (0.0, held))
+        assert float(page.field(name).input_value()) > 0.1
+        page.until(lambda: shown_at(page) == 1)
+        page.page.mouse.up()
 
 
 def test_an_exact_field_takes_what_the_scenario_takes(visit):
