@@ -159,17 +159,17 @@ class Figures:
 
     def _figure(self, name: str, title: str, height: int, *, axes: bool = True) -> Any:
         ink, paper = INK[self._dark], PAPER[self._dark]
+        bare: Any = {} if axes else {"x_axis_type": None, "y_axis_type": None}
         made = figure(
-            name=name,
-            title=title, height=height, sizing_mode="stretch_width", tools="", toolbar_location=None,
-            x_range=Range1d(0, 1), y_range=Range1d(0, 1), background_fill_color=paper,
-            border_fill_color=paper, outline_line_color=FAINT[self._dark], lod_threshold=None,
+            name=name, title=title, height=height, sizing_mode="stretch_width", tools="",
+            toolbar_location=None, **bare, x_range=Range1d(0, 1), y_range=Range1d(0, 1),
+            background_fill_color=paper, border_fill_color=paper, outline_line_color=FAINT[self._dark], lod_threshold=None,
         )  # fmt: skip
         made.title.text_color = ink
         for axis in made.axis:
-            axis.visible = axes
             axis.axis_label_text_color = axis.major_label_text_color = ink
-            axis.axis_line_color = axis.major_tick_line_color = axis.minor_tick_line_color = ink
+            axis.axis_line_color = axis.major_tick_line_color = ink
+            axis.minor_tick_line_color = None
             axis.axis_label_text_font_style = "normal"
         made.grid.grid_line_alpha = 0.25 if axes else 0.0
         made.min_border_right = 12
