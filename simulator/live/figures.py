@@ -163,7 +163,8 @@ class Figures:
         made = figure(
             name=name, title=title, height=height, sizing_mode="stretch_width", tools="",
             toolbar_location=None, **bare, x_range=Range1d(0, 1), y_range=Range1d(0, 1),
-            background_fill_color=paper, border_fill_color=paper, outline_line_color=FAINT[self._dark], lod_threshold=None,
+            background_fill_color=paper, border_fill_color=paper, outline_line_color=FAINT[self._dark],
+            lod_threshold=None,
         )  # fmt: skip
         made.title.text_color = ink
         for axis in made.axis:
