@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from simulator.hysteresis.memory import MemoryLost, return_point_memory
     from simulator.hysteresis.states import states
     from simulator.hysteresis.unloading import unload, unload_map
+    from simulator.live.notebook import Explorer, explore
     from simulator.results.curve import Curve, FoldCurve, SpecialPoint
     from simulator.results.extras import MissingExtra
     from simulator.results.files import OutputError
@@ -64,6 +65,7 @@ __all__ = [
     "Event",
     "EventKind",
     "ExecutorError",
+    "Explorer",
     "FoldCurve",
     "History",
     "Loop",
@@ -95,6 +97,7 @@ __all__ = [
     "Verdict",
     "all_sensitivities",
     "explain",
+    "explore",
     "fold",
     "load_curve",
     "load_curves",
@@ -129,6 +132,7 @@ _NAMES = {
     "hysteresis.memory": ("MemoryLost", "return_point_memory"),
     "hysteresis.states": ("states",),
     "hysteresis.unloading": ("unload", "unload_map"),
+    "live.notebook": ("Explorer", "explore"),
     "results.curve": ("Curve", "FoldCurve", "SpecialPoint"),
     "results.loops": ("Loop", "Threshold"),
     "results.extras": ("MissingExtra",),

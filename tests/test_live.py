@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 
 import pytest
 
@@ -157,3 +158,17 @@ def test_the_newest_waits_the_others_are_dropped_and_paths_come_last():
     go_on.set()
     assert all_done.wait(10)
     assert seen == [(play, 1), (play, 4), (follow, "path")]
+
+
+def test_an_object_for_notebooks_follows_its_numbers():
+    inputs = pytest.importorskip("simulator.live.inputs")
+    view = load_scenario(FIG5B.to_dict()).live()
+    assert view.history == simulate(FIG5B)
+    number = next(one for one in view.view.select(inputs.NumberInput) if one.number.key == "step.4.jump")
+    number.tell("0.05", False)
+    for _ in range(400):
+        if view.history.scenario == view.scenario:
+            break
+        time.sleep(0.05)
+    assert view.history == simulate(FIG5B.with_values({"step.4.jump": 0.05}))
+    assert simulate(FIG5B).explore().scenario == FIG5B

@@ -30,10 +30,10 @@ def live(
         try:
             from simulator.live.server import serve
         except ImportError as error:
+            from simulator.live import MISSING
             from simulator.results.extras import MissingExtra
 
-            needed = "the page needs Panel and Bokeh: pip install 'dielectric-balloons[live]'"
-            raise MissingExtra(needed) from error
+            raise MissingExtra(MISSING) from error
         if host not in _LOOPBACK:
             print(f"balloons: at {host} other machines can open this page and compute here", file=sys.stderr)
         serve(loaded, host=host, port=port, show=show)

@@ -18,8 +18,8 @@ from simulator.scenario.mapping import number_and_unit
 
 _STYLE = """
 :host { color: var(--ink); font-size: 14px; } h1 { font-size: 18px; margin: 0; }
-.problem { color: var(--problem); }
-label { display: block; font-size: 12px; } [role=alert] { color: var(--problem); font-size: 12px; }
+.problem { color: var(--problem, #b00020); }
+label { display: block; font-size: 12px; } [role=alert] { color: var(--problem, #b00020); font-size: 12px; }
 .row { display: flex; gap: 10px; align-items: center; color: var(--ink); }
 input[type=text] { width: 90px; font: inherit; font-size: 13px; padding: 2px 5px; color: inherit;
   background: transparent; border: 1px solid #8a8a8a; border-radius: 3px; }
@@ -91,7 +91,11 @@ class NumberInput(pn.custom.JSComponent):  # type: ignore[misc]
         )  # fmt: skip
 
     def _handle_msg(self, data: Any) -> None:
-        self._moved(self, str(data["text"])[:100], bool(data["dragging"]))
+        self.tell(str(data["text"])[:100], bool(data["dragging"]))
+
+    def tell(self, text: str, dragging: bool) -> None:
+        """Say what the field says now."""
+        self._moved(self, text, dragging)
 
     def show(self, text: str) -> None:
         """Show a text in the field, and its number on the slider, which makes room for it."""

@@ -53,6 +53,8 @@ class Page:
         Scenarios to start from.
     preset : str, optional
         Which of them was opened, if any.
+    in_page : bool, optional
+        Whether it has a page, and so an address, of its own.
     """
 
     def __init__(
@@ -67,13 +69,14 @@ class Page:
         presets: Mapping[str, str] | None = None,
         preset: str = "",
         problem: str = "",
+        in_page: bool = True,
     ) -> None:
         self.opened, self.scenario, self.dark = opened, scenario, dark
         self.shown: Shown | None = None
         self.figures: Figures | None = None
         self._frames: list[int] = [0]
         self._post, self.preset = post, preset
-        self._location = pn.state.location
+        self._location = pn.state.location if in_page else None
         self._newest = worker.Newest(compute, post)
         mapping = worker.Newest(compute_map or compute, post)
         self._map = PhaseMap(mapping, self._later, self._set, dark=dark)
@@ -97,7 +100,7 @@ class Page:
         style = [_STYLE % (INK[self.dark], PROBLEM[self.dark])]
         self._title, self._status = Words("heading", margin=(5, 10, 0, 10)), Words("status")
         self._banner = Words("alert", "problem")
-        reset = pn.widgets.Button(name="Reset", width=70)
+        reset = pn.widgets.Button(label="Reset", width=70)
         reset.on_click(self._later(lambda _: self.open(self.opened)))
         downloads = [
             pn.widgets.FileDownload(
@@ -116,14 +119,16 @@ class Page:
             )
         ]
         names = ["", *self._presets]
-        self._preset = pn.widgets.Select(name="Start from", options=names, value=self.preset, width=180)
+        self._preset = pn.widgets.Select(
+            label="Start from", options=names, value=self.preset, width=180, visible=len(names) > 1
+        )
         self._preset.param.watch(self._later(self._start_from), "value")
         self._numbers = pn.Column(sizing_mode="stretch_width", stylesheets=style)
         self._pictures = pn.Column(sizing_mode="stretch_width", min_height=300)
         self._player = Playback(self._later(self._seek_frame))
         self._now = Words()
         self._events = pn.widgets.Select(
-            name="Events (choose one to go there)", size=6, sizing_mode="stretch_width",
+            label="Events (choose one to go there)", size=6, sizing_mode="stretch_width",
             stylesheets=[*style, "select { font-size: 12px; }"],
         )  # fmt: skip
         self._events.param.watch(self._later(self._seek_event), "value")
@@ -156,13 +161,13 @@ class Page:
                 views.append(self._button(f"Remove step {number}", partial(self._without, number)))
             collapsed = group in ("Settings", "Scales") or (group.startswith("Balloon") and len(groups) > 9)
             cards.append(self._card(group, *views, collapsed=collapsed))
-        kind = pn.widgets.Select(name="New step", options=list(NEW_STEPS), width=100)
+        kind = pn.widgets.Select(label="New step", options=list(NEW_STEPS), width=100)
         place = pn.widgets.Select(
-            name="behind step", options=list(range(len(self.scenario.steps), -1, -1)), width=80
+            label="behind step", options=list(range(len(self.scenario.steps), -1, -1)), width=80
         )
         add = self._button("Add step", lambda _: self._with(kind.value, place.value))
         self._text = pn.widgets.TextAreaInput(
-            name="The scenario as text", value=links.to_text(self.scenario), rows=16,
+            label="The scenario as text", value=links.to_text(self.scenario), rows=16,
             max_length=100_000, sizing_mode="stretch_width",
         )  # fmt: skip
         apply = self._button(
@@ -179,7 +184,7 @@ class Page:
         return pn.Card(*views, header=head, collapsed=collapsed, sizing_mode="stretch_width")
 
     def _button(self, name: str, clicked: Callable[[Any], None]) -> Any:
-        made = pn.widgets.Button(name=name, width=110, align="end")
+        made = pn.widgets.Button(label=name, width=110, align="end")
         made.on_click(self._later(clicked))
         return made
 

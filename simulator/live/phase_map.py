@@ -70,7 +70,7 @@ class PhaseMap:
         self._words = pn.pane.HTML(
             "", sizing_mode="stretch_width", styles={"color": ink, "font-size": "12px"}
         )
-        self._x, self._y = (pn.widgets.Select(name=name, width=150) for name in ("across", "upwards"))
+        self._x, self._y = (pn.widgets.Select(label=name, width=150) for name in ("across", "upwards"))
         for select in (self._x, self._y):
             select.param.watch(later(lambda _: self.update(self._scenario)), "value")
         head = pn.pane.HTML("<h2>Phase map</h2>", stylesheets=["h2 { font-size: 14px; margin: 2px; }"])

@@ -67,6 +67,16 @@ def path_key(scenario: Scenario) -> str:
     return repr([document["gas"], document["balloon"], document.get("scales"), document.get("shape"), steps])
 
 
+def answered(function: Callable[..., Any], argument: Any, replay: Replay) -> Answer:
+    """What becomes of `function(argument, replay)`, computed here."""
+    start = time.thread_time()
+    try:
+        result, failure = function(argument, replay), ""
+    except Exception as error:
+        result, failure = None, f"{type(error).__name__}: {error}"
+    return Answer(result, failure, time.thread_time() - start)
+
+
 def _serve(pipe: Connection) -> None:
     """In the process: answer until the pipe is closed."""
     from simulator.simulation.replay import Replay
@@ -79,12 +89,7 @@ def _serve(pipe: Connection) -> None:
             function, argument = pipe.recv()
         except (EOFError, KeyboardInterrupt):
             return
-        start = time.process_time()
-        try:
-            answer = Answer(function(argument, replay))
-        except Exception as error:
-            answer = Answer(failure=f"{type(error).__name__}: {error}")
-        pipe.send(Answer(answer.result, answer.failure, time.process_time() - start))
+        pipe.send(answered(function, argument, replay))
 
 
 class Worker:

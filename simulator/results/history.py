@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from simulator import Explorer
     from simulator.results.shapes import ShapeVerdict
     from simulator.scenario import Scenario
 
@@ -357,3 +358,9 @@ class History:
         from simulator.results.plot.animation import write_animation
 
         return write_animation(self, path, seconds=seconds, rate=rate)
+
+    def explore(self) -> Explorer:
+        """The scenario of this history with its numbers to be moved; see `Scenario.live`."""
+        from simulator import explore
+
+        return explore(self)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping
 from html import escape
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import AfterValidator, Field, PrivateAttr, TypeAdapter, ValidationError
 
@@ -20,6 +20,9 @@ from simulator.scenario.scales import Scaled, scales_of
 from simulator.scenario.settings import Dynamics, Output, Shape, Solver
 from simulator.scenario.steps import PlayedStep, Step, unrolled
 from simulator.units import Scales, as_written
+
+if TYPE_CHECKING:
+    from simulator import Explorer
 
 _ELASTOMER: TypeAdapter[Any] = TypeAdapter(Elastomer)
 
@@ -154,6 +157,16 @@ class Scenario(Frozen):
     def played_steps(self) -> Iterator[PlayedStep]:
         """Steps in the order they are played, cycles unrolled, one at a time."""
         return unrolled(self.steps)
+
+    def live(self) -> Explorer:
+        """The page of `balloons live` as an object, which a notebook shows and answers to.
+
+        Elsewhere, and in an exported notebook, it is the history. What it shows at the moment are its
+        `scenario` and `history`. Raises MissingExtra without the extra `live`.
+        """
+        from simulator import explore
+
+        return explore(self)
 
     def to_dict(self) -> dict[str, Any]:
         """The scenario in the grammar of the file, units as written, defaults left out; tables by their
