@@ -12,8 +12,10 @@ from simulator.live import links
 from simulator.live.controls import (
     NEW_STEPS,
     check_size,
+    corners,
     numbers,
     shortest,
+    with_kind,
     with_step,
     without_step,
     written,
@@ -59,6 +61,24 @@ def test_any_step_is_added_and_removed_again(kind):
     longer = with_step(FIG5B, kind, 5)
     assert next(iter(longer.to_dict()["step"][5])) == kind
     assert without_step(longer, 6) == FIG5B
+
+
+def test_a_step_of_another_kind_keeps_its_voltage_and_time():
+    jump = with_kind(VHB, 2, "jump").to_dict()["step"][1]
+    assert jump == {"jump": "5.5 kV"}
+    over = FIG5B.to_dict()["step"][1]["over"]
+    assert with_kind(FIG5B, 2, "charge").to_dict()["step"][1] == {"charge": 0.1, "over": over}
+    assert with_kind(with_kind(FIG5B, 4, "ramp"), 4, "jump") == FIG5B
+
+
+def test_corners_of_the_voltage_are_where_ramps_and_jumps_end():
+    found = [(c.voltage_key, c.time_key, c.begins, c.time, c.voltage) for c in corners(FIG5B)]
+    assert found == [("step.2.ramp", "step.2.over", 1, 11, 0.2), ("step.4.jump", "", 16, 16, 0)]
+    history = simulate(FIG5B)
+    for corner in corners(FIG5B):
+        assert history.at(corner.time)["voltage_active"] == corner.voltage
+    assert corners(load_scenario("scenarios/until_snap.toml")) == []  # a cycle comes first
+    assert corners(load_scenario("scenarios/ring.toml")) == []  # not one voltage
 
 
 def test_the_last_step_stays():

@@ -7,10 +7,11 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from simulator.scenario import Problem, ScenarioError, load_scenario
+from simulator.scenario import Cycle, Problem, ScenarioError, load_scenario
 from simulator.scenario.checks import samples
 from simulator.scenario.keys import all_keys
 from simulator.scenario.mapping import number_and_unit
+from simulator.scenario.steps import duration
 
 if TYPE_CHECKING:
     from simulator.scenario import Scenario
@@ -142,6 +143,45 @@ def with_step(scenario: Scenario, kind: str, after: int) -> Scenario:
     document = scenario.to_dict()
     document["step"].insert(after, copy.deepcopy(NEW_STEPS[kind]))
     return load_scenario(document)
+
+
+def with_kind(scenario: Scenario, number: int, kind: str) -> Scenario:
+    """The scenario with one of its steps of another kind; voltage and time stay. Raises ScenarioError."""
+    document = scenario.to_dict()
+    old, new = document["step"][number - 1], copy.deepcopy(NEW_STEPS[kind])
+    voltage = old.get("ramp", old.get("jump"))
+    if kind in ("ramp", "jump") and voltage is not None:
+        new[kind] = voltage
+    if "over" in old and kind in ("ramp", "charge", "inflate"):
+        new["over"] = old["over"]
+    document["step"][number - 1] = new
+    return load_scenario(document)
+
+
+@dataclass(frozen=True)
+class Corner:
+    """Where the voltage of a step ends: the key of that voltage, of its time if it takes any; both values."""
+
+    voltage_key: str
+    time_key: str
+    begins: float
+    time: float
+    voltage: float
+
+
+def corners(scenario: Scenario) -> list[Corner]:
+    """The ends of ramps and jumps that all electrodes share, up to a step whose end is not written."""
+    found, time = [], 0.0
+    for number, step in enumerate(scenario.steps, start=1):
+        if isinstance(step, Cycle) or getattr(step, "until", None) is not None:
+            break
+        begins, time = time, time + duration(step)
+        voltage = getattr(step, "ramp", getattr(step, "jump", None))
+        if isinstance(voltage, float):
+            kind = "ramp" if hasattr(step, "ramp") else "jump"
+            time_key = f"step.{number}.over" if kind == "ramp" else ""
+            found.append(Corner(f"step.{number}.{kind}", time_key, begins, time, voltage))
+    return found
 
 
 def without_step(scenario: Scenario, number: int) -> Scenario:

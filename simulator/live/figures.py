@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from bokeh.models import ColumnDataSource, Range1d, Span
 from bokeh.plotting import figure
 
 from simulator.events import WORDS, EventKind
+from simulator.live.controls import Corner, corners
 from simulator.results.plot.style import COLOURS, PRESSURE, VOLTAGE
 from simulator.units import PRESSURE as PRESSURES
 from simulator.units import VOLTAGE as VOLTAGES
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
 INK, PAPER, FAINT = ("#1a1a1a", "#e6e6e6"), ("#ffffff", "#1b1e22"), ("#8a8a8a", "#8f9499")
 PROBLEM = ("#b00020", "#ff9d9d")
 GASES = ("#dbe9f4", "#2c3e50")
+_NEAR = 0.06  # of the width of a picture: what is near enough to be meant
 _MARKERS = {
     EventKind.LIMIT_POINT: "star",
     EventKind.BRANCH_POINT: "plus",
@@ -48,6 +51,7 @@ _COLUMNS = {
     "now": "x y",
     "balloons": "x r colour width words",
     "tube": "x to",
+    "corners": "x y",
 }
 
 
@@ -72,6 +76,11 @@ class Shown:
         self.voltage, self.pressure = history.voltage * self.volts, history.pressure * self.pascals
         self.x = self.voltage[:, 0] if history.electroded else self.pressure
         self.y = history.stretch[:, self.balloon]
+
+    @property
+    def voltage_unit(self) -> str:
+        """The unit of the voltage axis as a scenario takes it, with its blank; "" without units."""
+        return f" {self.voltage_label[1:-1]}" if self.history.scenario.scales else ""
 
     @property
     def is_common(self) -> bool:
@@ -117,7 +126,7 @@ class Figures:
         self.loop = self._figure(
             "loop", "Stretch over voltage" if history.electroded else "Stretch over pressure", 390
         )
-        self.voltage = self._figure("voltage", "Voltage in time", 170)
+        self.voltage = self._figure("voltage", "Voltage in time (its corners can be dragged)", 170)
         self.stretch = self._figure("stretch", "Stretches in time", 200)
         self.pressure = self._figure("pressure", "Pressure in time", 150)
         self.balloons = self._figure("balloons", "Balloons to scale", 190, axes=False)
@@ -140,6 +149,9 @@ class Figures:
             self.voltage.line("t", f"v{i}", source=s["samples"], color=colour, line_width=2)
         for i, colour in enumerate(colours):
             self.stretch.line("t", f"s{i}", source=s["samples"], color=colour, line_width=2)
+        self.voltage.scatter(
+            "x", "y", source=s["corners"], marker="square", size=9, color=ink, fill_color=PAPER[dark]
+        )
         self.pressure.line("t", "p", source=s["samples"], color=ink, line_width=2)
         self.loop.line(x, y, source=s["samples"], color=colours[shown], line_width=2.5)
         for panel, place in ((self.loop, "x"), (self.stretch, "t")):
@@ -203,6 +215,21 @@ class Figures:
         self._fit(self.loop.x_range, x, growing)
         self._fit(self.loop.y_range, y, growing)
         self._place(history)
+        self._corners = corners(history.scenario) if history.electroded else []
+        self.sources["corners"].data = {
+            "x": [corner.time for corner in self._corners],
+            "y": [corner.voltage * shown.volts for corner in self._corners],
+        }
+
+    def corner_at(self, x: float, y: float) -> Corner | None:
+        """The corner of the voltage that is near a point of its picture, if any."""
+        axes, places = (self.voltage.x_range, self.voltage.y_range), self.sources["corners"].data
+        across, upwards = (axis.end - axis.start for axis in axes)
+        far = [
+            math.hypot((x - u) / across, 0.5 * (y - v) / upwards)
+            for u, v in zip(places["x"], places["y"], strict=True)
+        ]
+        return self._corners[far.index(min(far))] if far and min(far) < _NEAR else None
 
     def _place(self, history: History) -> None:
         """Where the balloons stand: each has room for the largest that it becomes."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import io
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -13,9 +12,10 @@ from panel.io import unlocked
 
 from simulator.events import WORDS
 from simulator.live import links, worker
-from simulator.live.controls import NEW_STEPS, check_size, numbers, with_step, without_step, written
+from simulator.live.cards import Cards
+from simulator.live.controls import Corner, check_size, rounded, shortest, written
 from simulator.live.figures import INK, PAPER, PROBLEM, Figures, Shown, device_of, event_list
-from simulator.live.inputs import NumberInput, Playback, Words
+from simulator.live.inputs import Playback, Words
 from simulator.live.phase_map import PhaseMap
 from simulator.results.plot.animation import frames
 from simulator.results.record import ending
@@ -75,6 +75,7 @@ class Page:
         self.shown: Shown | None = None
         self.figures: Figures | None = None
         self._frames: list[int] = [0]
+        self._corner: Corner | None = None  # the one that is being pulled
         self._post, self.preset = post, preset
         self._location = pn.state.location if in_page else None
         self._newest = worker.Newest(compute, post)
@@ -82,13 +83,15 @@ class Page:
         self._map = PhaseMap(mapping, self._later, self._set, dark=dark)
         self._paths: dict[str, Any] = {}
         self._texts: dict[str, str] = {}
-        self._inputs: dict[str, NumberInput] = {}
         self._is_dragging = False
         self._seconds = 0.0
         self._awaited: Scenario | None = None  # whose history has been asked for and is not there yet
         self._presets = dict(presets or {})
+        self._cards = Cards(
+            self._later, self._move, self._try, lambda text: links.from_text(text, self.opened)
+        )
         self._make_widgets()
-        self._make_inputs()
+        self._cards.fill(scenario)
         self._say(problem)
         # At once, as part of the page: what is sent while a page is still being opened may be lost.
         self._paths[worker.path_key(scenario)] = compute(worker.follow, scenario).result or ()
@@ -123,7 +126,6 @@ class Page:
             label="Start from", options=names, value=self.preset, width=180, visible=len(names) > 1
         )
         self._preset.param.watch(self._later(self._start_from), "value")
-        self._numbers = pn.Column(sizing_mode="stretch_width", stylesheets=style)
         self._pictures = pn.Column(sizing_mode="stretch_width", min_height=300)
         self._player = Playback(self._later(self._seek_frame))
         self._now = Words()
@@ -139,7 +141,7 @@ class Page:
         layout = pn.Column(
             head, self._banner,
             pn.FlexBox(
-                pn.Column(self._numbers, width=340, styles=tall),
+                pn.Column(self._cards.view, width=340, styles=tall),
                 pn.Column(self._pictures, min_width=420, styles={"flex": "1", **tall}),
                 flex_wrap="nowrap",
             ),
@@ -147,61 +149,32 @@ class Page:
         )  # fmt: skip
         self.view = layout
 
-    def _make_inputs(self) -> None:
-        self._texts.clear()
-        self._inputs = {n.key: NumberInput(n, self._later(self._moved)) for n in numbers(self.scenario)}
-        groups: dict[str, list[NumberInput]] = {}
-        for one in self._inputs.values():
-            groups.setdefault(one.number.group, []).append(one)
-        cards = []
-        for group, inputs in groups.items():
-            views: list[Any] = list(inputs)
-            if group.startswith("Step "):
-                number = int(group.removeprefix("Step ").partition(":")[0])
-                views.append(self._button(f"Remove step {number}", partial(self._without, number)))
-            collapsed = group in ("Settings", "Scales") or (group.startswith("Balloon") and len(groups) > 9)
-            cards.append(self._card(group, *views, collapsed=collapsed))
-        kind = pn.widgets.Select(label="New step", options=list(NEW_STEPS), width=100)
-        place = pn.widgets.Select(
-            label="behind step", options=list(range(len(self.scenario.steps), -1, -1)), width=80
-        )
-        add = self._button("Add step", lambda _: self._with(kind.value, place.value))
-        self._text = pn.widgets.TextAreaInput(
-            label="The scenario as text", value=links.to_text(self.scenario), rows=16,
-            max_length=100_000, sizing_mode="stretch_width",
-        )  # fmt: skip
-        apply = self._button(
-            "Apply text", lambda _: self._try(lambda: links.from_text(self._text.value, self.opened))
-        )
-        cards.append(self._card("Add a step", pn.Row(kind, place, add)))
-        cards.append(self._card("Text", self._text, apply, collapsed=True))
-        self._numbers[:] = cards
-
-    def _card(self, title: str, *views: Any, collapsed: bool = False) -> Any:
-        head = pn.pane.HTML(
-            f"<h2>{html.escape(title)}</h2>", stylesheets=["h2 {font-size: 14px; margin: 2px;}"]
-        )
-        return pn.Card(*views, header=head, collapsed=collapsed, sizing_mode="stretch_width")
-
-    def _button(self, name: str, clicked: Callable[[Any], None]) -> Any:
-        made = pn.widgets.Button(label=name, width=110, align="end")
-        made.on_click(self._later(clicked))
-        return made
-
     def _later(self, function: Callable[..., None]) -> Callable[..., None]:
         """A function that does the same when the page may be changed; events arrive when it may not."""
         return lambda *arguments: self._post(partial(function, *arguments))
 
     # What a visitor does.
 
-    def _moved(self, one: NumberInput, text: str, dragging: bool) -> None:
-        self._texts[one.number.key] = text
+    def _move(self, texts: Mapping[str, str], dragging: bool) -> None:
+        self._texts.update(texts)
         begins, self._is_dragging = dragging and not self._is_dragging, dragging
         if begins and self.figures:
             self.figures.keep_ghost()
         if dragging and self._seconds > (_TRIED if begins else SLOW):
             return
         self._apply(dragging=dragging)
+
+    def _pulled(self, event: Any) -> None:
+        """Move a corner of the voltage with the mouse, and with it what its step says."""
+        assert self.figures is not None
+        if event.event_name == "panstart":
+            self._corner = self.figures.corner_at(event.x, event.y)
+        if self._corner is None or self.shown is None:
+            return
+        texts = {self._corner.voltage_key: shortest(rounded(event.y)) + self.shown.voltage_unit}
+        if self._corner.time_key:
+            texts[self._corner.time_key] = shortest(rounded(event.x - self._corner.begins))
+        self._move(texts, event.event_name != "panend")
 
     def _set(self, texts: Mapping[str, str]) -> None:
         """Give several numbers other values."""
@@ -217,54 +190,42 @@ class Page:
             self._complain(error)
             return
         self.scenario = changed
-        for key, text in self._texts.items():
-            if not dragging:
-                self._inputs[key].show(text)
+        if not dragging:
+            self._cards.show(self._texts)
         self._texts.clear()
-        for one in self._inputs.values():
-            one.problem = ""
+        self._cards.complain()
         self._say("")
         self.ask(dragging=dragging)
 
     def _complain(self, error: ScenarioError) -> None:
-        """Say every problem under its field, and those that have none above; the last picture stays."""
-        others = []
-        for one in self._inputs.values():
-            one.problem = ""
-        for problem in error.problems:
-            if problem.key in self._inputs:
-                self._inputs[problem.key].problem = problem.allowed
-            else:
-                others.append(f"{problem.key}: {problem.allowed}".removeprefix(": "))
-        self._say("; ".join(others))
+        """Say what is wrong; the last picture stays."""
+        self._say(self._cards.complain(error.problems))
         self._player.dim = True
 
-    def _try(self, make: Callable[[], Scenario]) -> None:
-        """Open what is made, or say why it makes no sense."""
+    def _try(self, make: Callable[[Scenario], Scenario]) -> None:
+        """Open what is made of the scenario that is shown, or say why it makes no sense."""
         try:
-            made = make()
+            made = make(self.scenario)
             check_size(made)
         except ScenarioError as error:
             self._complain(error)
         else:
             self.open(made)
 
-    def _with(self, kind: str, after: int) -> None:
-        self._try(lambda: with_step(self.scenario, kind, after))
-
-    def _without(self, number: int, _: Any) -> None:
-        self._try(lambda: without_step(self.scenario, number))
+    def _read(self, text: str) -> Scenario:
+        return links.from_text(text, self.opened)
 
     def _start_from(self, event: Any) -> None:
         if event.new:
             self.preset, self.opened = event.new, load_scenario(self._presets[event.new])
-            self._try(lambda: self.opened)
+            self._try(lambda _: self.opened)
 
     def open(self, scenario: Scenario) -> None:
         """Show another scenario."""
         self.scenario = scenario
         self._say("")
-        self._make_inputs()
+        self._texts.clear()
+        self._cards.fill(scenario)
         self.ask(dragging=False)
 
     # What is computed for it.
@@ -314,6 +275,8 @@ class Page:
         shown = self.shown = Shown(history)
         if self.figures is None or self.figures.device != device_of(history):
             self.figures = Figures(history, dark=self.dark)
+            for name in ("panstart", "pan", "panend"):
+                self.figures.voltage.on_event(name, self._later(self._pulled))
             self._arrange(self.figures)
         self._player.dim = False
         self.figures.show(shown, growing=growing)
@@ -329,7 +292,7 @@ class Page:
         self._status.text = f"{ending(history)}; {summary}"
         if not growing:
             self._events.param.update(options=event_list(shown), value=None)
-            self._text.value = links.to_text(self.scenario)
+            self._cards.tell(self.scenario)
             self._map.update(self.scenario)
             if self._location:
                 self._location.search = links.link(self.opened, self.scenario, self._link_also())

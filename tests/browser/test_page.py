@@ -154,6 +154,36 @@ def test_steps_are_added_and_removed(visit):
     page.until(lambda: np.nanmax(drawn(page, "t")) == 26.0)
 
 
+def test_a_step_becomes_one_of_another_kind(visit):
+    page = visit()
+    page.page.get_by_label("Kind of step 2").select_option("jump")
+    page.page.get_by_role("heading", name="Step 2: jump").wait_for()
+    page.until(lambda: np.nanmax(drawn(page, "t")) == 11.0)
+    assert page.field("jump").input_value() == "0.2"
+
+
+def test_a_corner_of_the_voltage_is_dragged(visit):
+    page = visit()
+    place = """() => {
+      const view = Bokeh.index.find_one(Bokeh.documents[0].get_model_by_name("voltage"))
+      const { x_scale, y_scale, bbox } = view.frame, box = view.el.getBoundingClientRect()
+      return [box.x + x_scale.compute(11), box.y + y_scale.compute(0.2), bbox.height, bbox.width]
+    }"""
+    x, y, height, width = page.page.evaluate(place)
+    page.page.mouse.move(x, y)
+    page.page.mouse.down()
+    page.page.mouse.move(x - 0.2 * width, y + 0.3 * height, steps=6)
+    page.until(lambda: 0.1 < np.nanmax(drawn(page)) < 0.17)
+    page.page.mouse.up()
+    page.until(lambda: "step.2.over" in page.page.url)
+    ramp = float(page.field("ramp").input_value())
+    over = float(page.page.get_by_label("over", exact=True).nth(1).input_value())
+    assert 0.12 < ramp < 0.16
+    assert 5 < over < 7
+    assert np.nanmax(drawn(page)) == ramp
+    assert page.column("corners", "x")[0] == pytest.approx(1 + over)
+
+
 def test_downloads(visit, tmp_path):
     page = visit()
     for label, suffix in (("TOML", ".toml"), ("CSV", ".csv"), ("PNG", ".png")):
