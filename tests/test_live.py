@@ -13,6 +13,7 @@ from simulator.live.controls import (
     NEW_STEPS,
     check_size,
     corners,
+    dimensionless,
     numbers,
     shortest,
     with_kind,
@@ -61,6 +62,16 @@ def test_any_step_is_added_and_removed_again(kind):
     longer = with_step(FIG5B, kind, 5)
     assert next(iter(longer.to_dict()["step"][5])) == kind
     assert without_step(longer, 6) == FIG5B
+
+
+@pytest.mark.parametrize(
+    "key", ["step.2.ramp", "step.1.inflate", "balloon.passive.radius", "gas.ambient_pressure"]
+)
+def test_a_number_as_it_is_computed_with_whatever_its_unit(key):
+    one = number(VHB, key)
+    bare = VHB.with_values({key: 0.9 * dimensionless(VHB, key)})
+    units = VHB.with_values({key: f"{0.9 * one.value}{one.unit}"})
+    assert dimensionless(bare, key) == pytest.approx(dimensionless(units, key), rel=1e-12)
 
 
 def test_a_step_of_another_kind_keeps_its_voltage_and_time():

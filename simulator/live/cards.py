@@ -11,7 +11,7 @@ import panel as pn
 
 from simulator.live import links
 from simulator.live.controls import NEW_STEPS, numbers, with_kind, with_step, without_step
-from simulator.live.inputs import NumberInput
+from simulator.live.inputs import NumberInput, chooser
 
 if TYPE_CHECKING:
     from simulator.scenario import Problem, Scenario
@@ -51,7 +51,7 @@ class Cards:
         for one in self._inputs.values():
             groups.setdefault(one.number.group, []).append(one)
         cards = []
-        for group, inputs in groups.items():
+        for group, inputs in sorted(groups.items(), key=lambda item: not item[0].startswith("Step ")):
             views: list[Any] = list(inputs)
             if group.startswith("Step "):
                 number, _, kind = group.removeprefix("Step ").partition(": ")
@@ -70,7 +70,7 @@ class Cards:
     def _of_step(self, number: int, was: str) -> Any:
         """Another kind for a step, or none."""
         kinds = list(dict.fromkeys([was, *NEW_STEPS]))
-        kind = pn.widgets.Select(label=f"Kind of step {number}", options=kinds, value=was, width=120)
+        kind = chooser(f"Kind of step {number}", kinds, was, 95)
 
         def chosen(event: Any) -> None:
             self._change(partial(with_kind, number=number, kind=event.new))
@@ -79,12 +79,12 @@ class Cards:
         return pn.Row(kind, self._button(f"Remove step {number}", partial(without_step, number=number)))
 
     def _new_step(self, count: int) -> Any:
-        kind = pn.widgets.Select(label="New step", options=list(NEW_STEPS), width=100)
-        place = pn.widgets.Select(label="behind step", options=list(range(count, -1, -1)), width=80)
+        kind = chooser("New step", list(NEW_STEPS), "ramp", 85)
+        place = chooser("behind", range(count, -1, -1), count, 55)
         return pn.Row(kind, place, self._button("Add step", lambda s: with_step(s, kind.value, place.value)))
 
     def _button(self, label: str, make: Callable[[Scenario], Scenario]) -> Any:
-        made = pn.widgets.Button(label=label, width=110, align="end")
+        made = pn.widgets.Button(label=label, width=105, align="end", margin=5)
         made.on_click(self._later(lambda _: self._change(make)))
         return made
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -83,6 +84,23 @@ def numbers(scenario: Scenario) -> list[Number]:
         kind = (_kind(key), unit)
         largest[kind] = max(largest.get(kind, 0.0), abs(value))
     return [_number(scenario, key, *read, largest[_kind(key), read[1]]) for key, read in found.items()]
+
+
+def dimensionless(scenario: Scenario, key: str) -> float:
+    """A number of a scenario as it computes with it, whatever unit it is written in. Raises KeyError."""
+    first, *rest = key.split(".")
+    found: Any = scenario
+    if first == "balloon":
+        found = {balloon.name: balloon for balloon in scenario.balloons}[rest.pop(0)]
+    elif first == "step":
+        found = scenario.steps[int(rest.pop(0)) - 1]
+    else:
+        rest = [first, *rest]
+    for part in rest:
+        found = found[part] if isinstance(found, Mapping) else getattr(found, part, None)
+    if not isinstance(found, float | int):
+        raise KeyError(key)
+    return float(found)
 
 
 def _kind(key: str) -> str:

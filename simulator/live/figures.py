@@ -49,7 +49,7 @@ _COLUMNS = {
     "unstable": "x y",
     "ghost": "",
     "now": "x y",
-    "balloons": "x r colour width words",
+    "balloons": "x r colour width words below",
     "tube": "x to",
     "corners": "x y",
 }
@@ -81,6 +81,16 @@ class Shown:
     def voltage_unit(self) -> str:
         """The unit of the voltage axis as a scenario takes it, with its blank; "" without units."""
         return f" {self.voltage_label[1:-1]}" if self.history.scenario.scales else ""
+
+    @property
+    def time_unit(self) -> str:
+        """That of times: with units they are in seconds."""
+        return " s" if self.history.scenario.scales else ""
+
+    @property
+    def pressure_unit(self) -> str:
+        """That of the pressure axis."""
+        return f" {self.pressure_label[1:-1]}" if self.history.scenario.scales else ""
 
     @property
     def is_common(self) -> bool:
@@ -133,7 +143,6 @@ class Figures:
         self._spans = [Span(dimension="height", line_color=faint, line_dash="dotted") for _ in range(3)]
         for panel, span in zip((self.voltage, self.stretch, self.pressure), self._spans, strict=True):
             panel.x_range = self.voltage.x_range
-            panel.xaxis.axis_label = "time t"
             panel.add_layout(span)
         if history.electroded:
             self.voltage.line("t", "v0", source=s["ghost"], color=faint, alpha=0.5)
@@ -165,7 +174,7 @@ class Figures:
             line_color="colour", line_width="width",
         )  # fmt: skip
         self.balloons.text(
-            "x", 0, text="words", source=s["balloons"], text_align="center", text_baseline="middle",
+            "x", "below", text="words", source=s["balloons"], text_align="center", text_baseline="top",
             text_color=ink, text_font_size="12px",
         )  # fmt: skip
 
@@ -208,6 +217,8 @@ class Figures:
         self.voltage.yaxis.axis_label = shown.voltage_label
         self.pressure.yaxis.axis_label = shown.pressure_label
         self.stretch.yaxis.axis_label = "λ = r/R"
+        for panel in (self.voltage, self.stretch, self.pressure):
+            panel.xaxis.axis_label = "time [s]" if shown.time_unit else "time t"
         self._fit(self.voltage.x_range, history.time, growing, margin=0.01)
         self._fit(self.voltage.y_range, np.append(shown.voltage, 0.0), growing)
         self._fit(self.stretch.y_range, history.stretch, growing)
@@ -239,7 +250,7 @@ class Figures:
         self.centres = np.cumsum(2 * largest + gap) - largest - gap
         width = float(2 * largest.sum() + gap * (len(radii) - 1)) * 1.06
         self.balloons.x_range.start, self.balloons.x_range.end = -0.03 * width, width
-        self.balloons.y_range.start, self.balloons.y_range.end = -1.1 * largest.max(), 1.1 * largest.max()
+        self.balloons.y_range.start, self.balloons.y_range.end = -1.7 * largest.max(), 1.1 * largest.max()
         self.sources["tube"].data = {"x": self.centres[:-1].tolist(), "to": self.centres[1:].tolist()}
 
     @staticmethod
@@ -259,6 +270,7 @@ class Figures:
         has_electrodes = [name in history.electroded for name in history.balloons]
         self.sources["balloons"].data = {
             "x": self.centres.tolist(),
+            "below": [self.balloons.y_range.start / 1.6] * len(radii),
             "r": (stretch * radii).tolist(),
             "colour": self.colours,
             "width": [5 if on else 2 for on in has_electrodes],
@@ -325,11 +337,11 @@ def event_list(shown: Shown) -> dict[str, int | None]:
     """The events as the page lists them, each with its number."""
     rows: dict[str, int | None] = {"–": None}
     for number, event in enumerate(shown.history.events):
-        volts = ", ".join(f"{v * shown.volts:.5g}" for v in event.voltage)
+        volts = ", ".join(f"{v * shown.volts:.4g}" for v in event.voltage)
         sides = [
-            "–" if side is None else ", ".join(f"{v:.5g}" for v in side)
+            "–" if side is None else ", ".join(f"{v:.4g}" for v in side)
             for side in (event.stretch_before, event.stretch_after)
         ]
         words = f"{number + 1} {WORDS[event.kind]} {event.balloon or ''}".rstrip()
-        rows[f"{words}, t = {event.time:.6g}, φ = {volts or '–'}, λ = {sides[0]} → {sides[1]}"] = number
+        rows[f"{words}, t = {event.time:.5g}, φ = {volts or '–'}, λ = {sides[0]} → {sides[1]}"] = number
     return rows

@@ -7,7 +7,7 @@ of Panel's pane changes, the whole page is laid out anew, and a slider that is b
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import panel as pn
@@ -21,11 +21,19 @@ _STYLE = """
 .problem { color: var(--problem, #b00020); }
 label { display: block; font-size: 12px; } [role=alert] { color: var(--problem, #b00020); font-size: 12px; }
 .row { display: flex; gap: 10px; align-items: center; color: var(--ink); }
-input[type=text] { width: 90px; font: inherit; font-size: 13px; padding: 2px 5px; color: inherit;
-  background: transparent; border: 1px solid #8a8a8a; border-radius: 3px; }
+input[type=text] { width: 102px; box-sizing: border-box; font: inherit; font-size: 13px; padding: 2px 5px;
+  color: inherit; background: transparent; border: 1px solid #8a8a8a; border-radius: 3px; }
 input[type=range] { flex: 1; min-width: 80px; accent-color: #0072B2; margin: 0; }
 button { width: 76px; font: inherit; font-size: 13px; padding: 3px; }
 """
+
+
+def chooser(label: str, options: Sequence[Any], value: Any, width: int) -> Any:
+    """A list to choose from, with the browser's own arrow, which is seen on dark ground too."""
+    style = "select { appearance: auto; background-image: none; padding: 0 6px; }"
+    return pn.widgets.Select(
+        label=label, options=list(options), value=value, width=width, stylesheets=[style]
+    )
 
 
 class NumberInput(pn.custom.JSComponent):  # type: ignore[misc]

@@ -15,7 +15,7 @@ from simulator.live import links, worker
 from simulator.live.cards import Cards
 from simulator.live.controls import Corner, check_size, rounded, shortest, written
 from simulator.live.figures import INK, PAPER, PROBLEM, Figures, Shown, device_of, event_list
-from simulator.live.inputs import Playback, Words
+from simulator.live.inputs import Playback, Words, chooser
 from simulator.live.phase_map import PhaseMap
 from simulator.results.plot.animation import frames
 from simulator.results.record import ending
@@ -112,7 +112,7 @@ class Page:
                 label=label,
                 auto=True,
                 embed=False,
-                width=90,
+                width=60,
                 button_type="default",
             )
             for make, name, label in (
@@ -121,10 +121,8 @@ class Page:
                 (self._png, "history.png", "PNG"),
             )
         ]
-        names = ["", *self._presets]
-        self._preset = pn.widgets.Select(
-            label="Start from", options=names, value=self.preset, width=180, visible=len(names) > 1
-        )
+        self._preset = chooser("Start from", ["", *self._presets], self.preset, 150)
+        self._preset.visible = bool(self._presets)
         self._preset.param.watch(self._later(self._start_from), "value")
         self._pictures = pn.Column(sizing_mode="stretch_width", min_height=300)
         self._player = Playback(self._later(self._seek_frame))
@@ -134,14 +132,14 @@ class Page:
             stylesheets=[*style, "select { font-size: 12px; }"],
         )  # fmt: skip
         self._events.param.watch(self._later(self._seek_event), "value")
-        said = pn.Column(self._title, self._status, styles={"flex": "1 1 300px"})
+        said = pn.Column(self._title, self._status, styles={"flex": "1 1 260px"})
         head = pn.FlexBox(said, self._preset, reset, *downloads, align_items="end", flex_wrap="wrap")
         # Each of the two columns scrolls by itself, so that pictures stay in sight of every slider.
         tall = {"max-height": "calc(100vh - 75px)", "overflow": "auto"}
         layout = pn.Column(
             head, self._banner,
             pn.FlexBox(
-                pn.Column(self._cards.view, width=340, styles=tall),
+                pn.Column(self._cards.view, styles={"flex": "0 0 clamp(250px, 30vw, 340px)", **tall}),
                 pn.Column(self._pictures, min_width=420, styles={"flex": "1", **tall}),
                 flex_wrap="nowrap",
             ),
@@ -311,7 +309,10 @@ class Page:
             column.styles = {"flex": "1 1 300px"}
         self._pictures[:] = [
             figures.balloons, self._player, self._now,
-            pn.FlexBox(left, right, flex_wrap="wrap", sizing_mode="stretch_width"),
+            # Where they do not stand beside each other the loop comes first.
+            pn.FlexBox(
+                left, right, flex_wrap="wrap-reverse", align_items="flex-end", sizing_mode="stretch_width"
+            ),
         ]  # fmt: skip
 
     def _seek(self, sample: int) -> None:
@@ -334,12 +335,11 @@ class Page:
     def _tell_sample(self, sample: int) -> None:
         shown = self.shown
         assert shown is not None
-        values = (
-            f"t = {shown.history.time[sample]:.4g}",
-            f"φ = {', '.join(f'{v:.4g}' for v in shown.voltage[sample]) or '–'} {shown.voltage_label}",
-            f"p = {shown.pressure[sample]:.4g} {shown.pressure_label}",
+        volts = ", ".join(f"{v:.4g}" for v in shown.voltage[sample]) or "–"
+        self._now.text = (
+            f"t = {shown.history.time[sample]:.4g}{shown.time_unit} · φ = {volts}{shown.voltage_unit}"
+            f" · p = {shown.pressure[sample]:.4g}{shown.pressure_unit}"
         )
-        self._now.text = " · ".join(values)
 
     def _say(self, words: str) -> None:
         self._banner.text = words

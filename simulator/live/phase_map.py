@@ -14,8 +14,9 @@ from bokeh.plotting import figure
 from panel.io import unlocked
 
 from simulator.live import links, worker
-from simulator.live.controls import Number, numbers, rounded, shortest
+from simulator.live.controls import Number, dimensionless, numbers, rounded, shortest
 from simulator.live.figures import FAINT, INK, PAPER
+from simulator.live.inputs import chooser
 from simulator.results.plot.map import BEHAVIOURS
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ class PhaseMap:
         self._words = pn.pane.HTML(
             "", sizing_mode="stretch_width", styles={"color": ink, "font-size": "12px"}
         )
-        self._x, self._y = (pn.widgets.Select(label=name, width=150) for name in ("across", "upwards"))
+        self._x, self._y = (chooser(name, (), None, 150) for name in ("across", "upwards"))
         for select in (self._x, self._y):
             select.param.watch(later(lambda _: self.update(self._scenario)), "value")
         head = pn.pane.HTML("<h2>Phase map</h2>", stylesheets=["h2 { font-size: 14px; margin: 2px; }"])
@@ -102,14 +103,16 @@ class PhaseMap:
         self._asked = asked
         across, upwards = _centres(x), _centres(y)
         grid = np.meshgrid(across, upwards)
-        if x.unit or y.unit:  # texts with units are not played together
-            self._words.object = "A map needs numbers without units."
+        try:
+            played = {n.key: v.ravel() * _one(scenario, n) for n, v in zip((x, y), grid, strict=True)}
+        except (KeyError, ZeroDivisionError):
+            self._words.object = f"No map over {html.escape(x.key)} and {html.escape(y.key)}."
             self.cells.data = {"x": [], "y": [], "colour": []}
             return
         self._words.object = '<span role="status">Computing the map …</span>'
         values = {x.key: grid[0].ravel(), y.key: grid[1].ravel()}
         done = partial(self._arrived, asked, x, y, values)
-        self._newest.ask(worker.phases, (scenario, values), done)
+        self._newest.ask(worker.phases, (scenario, played), done)
 
     def _axes(self, x: Number, y: Number) -> tuple[tuple[Any, Number], ...]:
         return (self._panel.x_range, x), (self._panel.y_range, y)
@@ -129,7 +132,8 @@ class PhaseMap:
             self._rects.glyph.height = (y.high - y.low) / CELLS
             for axis, number in self._axes(x, y):
                 axis.update(start=number.low, end=number.high)
-            self._panel.xaxis.axis_label, self._panel.yaxis.axis_label = x.key, y.key
+            for axis, number in ((self._panel.xaxis, x), (self._panel.yaxis, y)):
+                axis.axis_label = f"{number.key} [{number.unit.strip()}]" if number.unit else number.key
             kinds = sorted(set(found), key=found.count, reverse=True)
             self._words.object = "<br>".join(
                 f'<span aria-hidden="true" style="color: {_COLOURS[kind]}">■</span> '
@@ -139,7 +143,12 @@ class PhaseMap:
 
     def _tapped(self, event: Any) -> None:
         chosen = {self._x.value: event.x, self._y.value: event.y}
-        self._go({key: shortest(rounded(value)) for key, value in chosen.items()})
+        self._go({k: shortest(rounded(value)) + self._numbers[k].unit for k, value in chosen.items()})
+
+
+def _one(scenario: Scenario, number: Number) -> float:
+    """What one unit of a number is in the numbers that a scenario computes with."""
+    return dimensionless(scenario, number.key) / number.value if number.unit else 1.0
 
 
 def _centres(number: Number) -> Any:

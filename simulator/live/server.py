@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _TEMPLATE = """{% extends base %}
 {% block postamble %}
 <style>
-:root { --ink: {{ ink }}; --problem: {{ problem }}; }
+:root { color-scheme: {{ scheme }}; --ink: {{ ink }}; --problem: {{ problem }}; }
 body { margin: 0; background: {{ paper }}; }
 </style>
 {% endblock %}
@@ -125,6 +125,7 @@ def _visit(opened: Scenario, compute: worker.Worker, slower: worker.Worker, know
     template = pn.Template(_TEMPLATE)
     template.location = True
     template.add_panel("page", page.view)
+    template.add_variable("scheme", "dark" if dark else "light")
     template.add_variable("ink", INK[dark])
     template.add_variable("paper", PAPER[dark])
     template.add_variable("problem", PROBLEM[dark])

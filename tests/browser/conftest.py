@@ -18,7 +18,12 @@ BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")
 
 def served_by(*arguments: str) -> Iterator[tuple[str, int]]:
     """The address of a page that is served until the test is done, and the number of its process."""
-    command = [sys.executable, "-m", "simulator", "live", *arguments, "--no-show"]
+    yield from served_as("simulator", "live", *arguments, "--no-show")
+
+
+def served_as(*module: str) -> Iterator[tuple[str, int]]:
+    """The same of a module that is run with arguments."""
+    command = [sys.executable, "-m", *module]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as server:
         try:
             assert server.stdout is not None
@@ -72,7 +77,9 @@ class Visit:
     def column(self, source: str, name: str) -> list[float]:
         """One column of what is drawn."""
         found: list[float] = self.page.evaluate(
-            "([source, name]) => Array.from(Bokeh.documents[0].get_model_by_name(source).data[name])",
+            # Those of another device may still be there.
+            "([source, name]) => Array.from("
+            "[...Bokeh.documents[0]._all_models.values()].filter((m) => m.name === source).pop().data[name])",
             [source, name],
         )
         return found
@@ -104,3 +111,12 @@ def visit(browser, address) -> Iterator[Any]:
     for one in visits:
         assert one.complaints == []
         one.page.close()
+
+
+@pytest.fixture
+def failing(browser) -> Iterator[Any]:
+    """A visit of a page on which some runs fail."""
+    for address, _ in served_as("tests.browser.failing"):
+        one = Visit(browser, address)
+        yield one
+        assert one.complaints == []

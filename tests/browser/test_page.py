@@ -9,7 +9,8 @@ from urllib.parse import urlparse
 import numpy as np
 import pytest
 
-from simulator import load_scenario, simulate
+from simulator import load_scenario, simulate, simulate_many
+from simulator.results.plot.map import BEHAVIOURS
 
 SCENARIO = "scenarios/fig5b_state_b.toml"
 
@@ -182,6 +183,71 @@ def test_a_corner_of_the_voltage_is_dragged(visit):
     assert 5 < over < 7
     assert np.nanmax(drawn(page)) == ramp
     assert page.column("corners", "x")[0] == pytest.approx(1 + over)
+
+
+def test_a_failed_run_shows_how_far_it_came_and_says_so(failing):
+    page = failing
+    failed = page.page.get_by_text("The solver failed: step 3, time 11: <b>no point</b> was found")
+    page.field("ambient pressure").fill("0.9")
+    page.field("ambient pressure").press("Enter")
+    failed.wait_for()
+    assert failed.get_attribute("role") == "alert"
+    page.until(lambda: np.nanmax(drawn(page, "t")) == 11.0)
+    assert shown_at(page) == 1  # it is a result, as far as it goes
+    page.field("ambient pressure").fill("1")
+    page.field("ambient pressure").press("Enter")
+    failed.wait_for(state="hidden")
+    page.until(lambda: np.nanmax(drawn(page, "t")) == 21.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("fig2_inflation", "2 × limit point"),  # no voltage at all
+        ("charge_control", "completed at time"),
+        ("delayed_snap", "completed at time"),  # in real time
+        ("ring", "completed at time"),
+    ],
+)
+def test_other_scenarios_are_started_from(visit, name, words):
+    page = visit()
+    page.page.get_by_label("Start from").select_option(name)
+    page.until(lambda: f"scenario={name}" in page.page.url)
+    history = simulate(f"scenarios/{name}.toml")
+    page.until(lambda: np.nanmax(drawn(page, "t")) == history.time[-1])
+    assert words in page.page.get_by_role("status").first.inner_text()
+    pressure = drawn(page, "p")
+    assert np.array_equal(pressure[np.isfinite(pressure)], history.pressure)
+    again = visit("?" + page.page.url.partition("?")[2])
+    assert np.array_equal(drawn(again, "p"), pressure, equal_nan=True)
+
+
+def test_units_are_those_of_the_scenario_on_axes_in_fields_and_on_the_map(visit):
+    page = visit("?scenario=vhb_snap")
+    label = "Bokeh.documents[0].get_model_by_name(%r).%s[0].axis_label"
+    assert page.field("ramp").input_value() == "5.5 kV"
+    assert page.page.evaluate(label % ("loop", "below")) == "voltage [kV]"
+    assert page.page.evaluate(label % ("pressure", "left")) == "[kPa]"
+    assert np.nanmax(drawn(page)) == pytest.approx(5.5)
+    page.page.get_by_text("Phase map").click()
+    page.page.get_by_label("across").select_option("step.2.ramp")
+    page.page.get_by_label("upwards").select_option("step.1.inflate")
+    page.until(lambda: page.page.evaluate(label % ("map", "below")) == "step.2.ramp [kV]")
+    columns = [page.column("cells", name) for name in ("x", "y", "colour")]
+    place = min(range(1600), key=lambda i: abs(columns[0][i] - 3.0) + abs(columns[1][i] - 1.0))
+    x, y, colour = (column[place] for column in columns)
+    one = load_scenario("scenarios/vhb_snap.toml").with_values(
+        {"step.2.ramp": f"{x} kV", "step.1.inflate": f"{y} kPa"}
+    )
+    behaviour = simulate_many(one, {"solver.rtol": one.solver.rtol})["behaviour"][0]
+    assert colour == BEHAVIOURS[behaviour][0]
+    picture = page.page.locator(".bk-Figure").last
+    picture.scroll_into_view_if_needed()
+    box = picture.bounding_box()
+    page.page.mouse.click(box["x"] + 0.5 * box["width"], box["y"] + 0.4 * box["height"])
+    page.until(lambda: "step.2.ramp=" in page.page.url)
+    assert page.field("ramp").input_value().endswith(" kV")
+    assert page.field("inflate").input_value().endswith(" kPa")
 
 
 def test_downloads(visit, tmp_path):
