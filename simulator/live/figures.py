@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     FloatArray = NDArray[np.float64]
 
 INK, PAPER, FAINT = ("#1a1a1a", "#e6e6e6"), ("#ffffff", "#1b1e22"), ("#8a8a8a", "#8f9499")
+ACCENT = ("#0072B2", "#56B4E9")  # of sliders
 PROBLEM = ("#b00020", "#ff9d9d")
 GASES = ("#dbe9f4", "#2c3e50")
 _NEAR = 0.06  # of the width of a picture: what is near enough to be meant
@@ -108,6 +110,26 @@ def _unit(history: History, dimension: Any, values: FloatArray, symbol: str) -> 
     return scale / size, f"[{unit}]"
 
 
+def blank(name: str, title: str, height: int, *, dark: bool, axes: bool = True) -> Any:
+    """A picture in which nothing is drawn yet."""
+    ink, paper, faint = INK[dark], PAPER[dark], FAINT[dark]
+    bare: Any = {} if axes else {"x_axis_type": None, "y_axis_type": None}
+    made = figure(
+        name=name, title=title, height=height, sizing_mode="stretch_width", tools="", toolbar_location=None,
+        x_range=Range1d(0, 1), y_range=Range1d(0, 1), background_fill_color=paper, border_fill_color=paper,
+        outline_line_color=faint, lod_threshold=None, min_border_right=12,
+        stylesheets=[":host { opacity: var(--shown, 1); }"], **bare,
+    )  # fmt: skip
+    made.title.text_color = ink
+    for axis in made.axis:
+        axis.axis_label_text_color = axis.major_label_text_color = ink
+        axis.axis_line_color = axis.major_tick_line_color = ink
+        axis.minor_tick_line_color = None
+        axis.axis_label_text_font_style = "normal"
+    made.grid.grid_line_alpha = 0.25 if axes else 0.0
+    return made
+
+
 class Figures:
     """The pictures of one device; `show` puts a history into them.
 
@@ -119,7 +141,7 @@ class Figures:
 
     def __init__(self, history: History, *, dark: bool) -> None:
         self.device = device_of(history)
-        self._dark = dark
+        picture = partial(blank, dark=dark)
         self._path: Any = None  # what is drawn of it
         ink, faint, gas = INK[dark], FAINT[dark], GASES[dark]
         self.sources = {
@@ -133,13 +155,13 @@ class Figures:
             s[name].data = {"t": [], "p": [], **voltages, **stretches}
         shown = history.balloons.index(history.electroded[0]) if history.electroded else 0
         x, y = "v0" if history.electroded else "p", f"s{shown}"  # the loop
-        self.loop = self._figure(
+        self.loop = picture(
             "loop", "Stretch over voltage" if history.electroded else "Stretch over pressure", 390
         )
-        self.voltage = self._figure("voltage", "Voltage in time (its corners can be dragged)", 170)
-        self.stretch = self._figure("stretch", "Stretches in time", 200)
-        self.pressure = self._figure("pressure", "Pressure in time", 150)
-        self.balloons = self._figure("balloons", "Balloons to scale", 190, axes=False)
+        self.voltage = picture("voltage", "Voltage in time (its corners can be dragged)", 170)
+        self.stretch = picture("stretch", "Stretches in time", 200)
+        self.pressure = picture("pressure", "Pressure in time", 150)
+        self.balloons = picture("balloons", "Balloons to scale", 190, axes=False)
         self._spans = [Span(dimension="height", line_color=faint, line_dash="dotted") for _ in range(3)]
         for panel, span in zip((self.voltage, self.stretch, self.pressure), self._spans, strict=True):
             panel.x_range = self.voltage.x_range
@@ -177,25 +199,6 @@ class Figures:
             "x", "below", text="words", source=s["balloons"], text_align="center", text_baseline="top",
             text_color=ink, text_font_size="12px",
         )  # fmt: skip
-
-    def _figure(self, name: str, title: str, height: int, *, axes: bool = True) -> Any:
-        ink, paper = INK[self._dark], PAPER[self._dark]
-        bare: Any = {} if axes else {"x_axis_type": None, "y_axis_type": None}
-        made = figure(
-            name=name, title=title, height=height, sizing_mode="stretch_width", tools="",
-            toolbar_location=None, **bare, x_range=Range1d(0, 1), y_range=Range1d(0, 1),
-            background_fill_color=paper, border_fill_color=paper, outline_line_color=FAINT[self._dark],
-            lod_threshold=None,
-        )  # fmt: skip
-        made.title.text_color = ink
-        for axis in made.axis:
-            axis.axis_label_text_color = axis.major_label_text_color = ink
-            axis.axis_line_color = axis.major_tick_line_color = ink
-            axis.minor_tick_line_color = None
-            axis.axis_label_text_font_style = "normal"
-        made.grid.grid_line_alpha = 0.25 if axes else 0.0
-        made.min_border_right = 12
-        return made
 
     def show(self, shown: Shown, *, growing: bool) -> None:
         """Put a history into the pictures; `growing` axes keep what they showed before."""

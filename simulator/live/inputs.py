@@ -23,14 +23,14 @@ label { display: block; font-size: 12px; } [role=alert] { color: var(--problem, 
 .row { display: flex; gap: 10px; align-items: center; color: var(--ink); }
 input[type=text] { width: 102px; box-sizing: border-box; font: inherit; font-size: 13px; padding: 2px 5px;
   color: inherit; background: transparent; border: 1px solid #8a8a8a; border-radius: 3px; }
-input[type=range] { flex: 1; min-width: 80px; accent-color: #0072B2; margin: 0; }
+input[type=range] { flex: 1; min-width: 80px; accent-color: var(--accent, #0072B2); margin: 0; }
 button { width: 76px; font: inherit; font-size: 13px; padding: 3px; }
 """
 
 
 def chooser(label: str, options: Sequence[Any], value: Any, width: int) -> Any:
     """A list to choose from, with the browser's own arrow, which is seen on dark ground too."""
-    style = "select { appearance: auto; background-image: none; padding: 0 6px; }"
+    style = "select.bk-input { appearance: auto !important; background-image: none !important; }"
     return pn.widgets.Select(
         label=label, options=list(options), value=value, width=width, stylesheets=[style]
     )
@@ -147,7 +147,7 @@ class Words(pn.custom.JSComponent):  # type: ignore[misc]
 class Playback(pn.custom.JSComponent):  # type: ignore[misc]
     """A button that plays, and a slider for the frame that is shown, counted from 0.
 
-    It also dims the column that it stands in, without laying out the page anew.
+    It also dims the pictures in the column that it stands in, without laying out the page anew.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ class Playback(pn.custom.JSComponent):  # type: ignore[misc]
       const show = () => { range.max = model.last; range.value = model.frame }
       model.on(["frame", "last"], show)
       model.on("dim", () => {
-        box.getRootNode().host.getRootNode().host.style.opacity = model.dim ? 0.45 : 1
+        box.getRootNode().host.getRootNode().host.style.setProperty("--shown", model.dim ? 0.4 : 1)
       })
       model.on("remove", stop)
       show()

@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import panel as pn
-from bokeh.models import ColumnDataSource, Range1d
-from bokeh.plotting import figure
+from bokeh.models import ColumnDataSource
 from panel.io import unlocked
 
 from simulator.live import links, worker
 from simulator.live.controls import Number, dimensionless, numbers, rounded, shortest
-from simulator.live.figures import FAINT, INK, PAPER
+from simulator.live.figures import INK, blank
 from simulator.live.inputs import chooser
 from simulator.results.plot.map import BEHAVIOURS
 
@@ -55,21 +54,14 @@ class PhaseMap:
         self._asked = ""
         self.cells = ColumnDataSource({"x": [], "y": [], "colour": []}, name="cells")
         self._here = ColumnDataSource({"x": [], "y": []}, name="here")
-        ink, paper = INK[dark], PAPER[dark]
-        self._panel = figure(
-            name="map", height=330, sizing_mode="stretch_width", tools="", toolbar_location=None,
-            x_range=Range1d(0, 1), y_range=Range1d(0, 1), background_fill_color=paper,
-            border_fill_color=paper, outline_line_color=FAINT[dark],
-        )  # fmt: skip
-        for axis in self._panel.axis:
-            axis.axis_label_text_color = axis.major_label_text_color = ink
+        self._panel = blank("map", "", 330, dark=dark)
         self._rects = self._panel.rect(
             "x", "y", width=1, height=1, source=self.cells, color="colour", line_width=0
         )
         self._panel.scatter("x", "y", source=self._here, size=12, marker="cross", color="black", line_width=3)
         self._panel.on_event("tap", later(self._tapped))
         self._words = pn.pane.HTML(
-            "", sizing_mode="stretch_width", styles={"color": ink, "font-size": "12px"}
+            "", sizing_mode="stretch_width", styles={"color": INK[dark], "font-size": "12px"}
         )
         self._x, self._y = (chooser(name, (), None, 150) for name in ("across", "upwards"))
         for select in (self._x, self._y):

@@ -14,7 +14,7 @@ from tornado.web import ErrorHandler
 
 from simulator.live import links, worker
 from simulator.live.controls import check_size
-from simulator.live.figures import INK, PAPER, PROBLEM
+from simulator.live.figures import ACCENT, INK, PAPER, PROBLEM
 from simulator.live.page import Page
 from simulator.scenario import ScenarioError, load_scenario
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _TEMPLATE = """{% extends base %}
 {% block postamble %}
 <style>
-:root { color-scheme: {{ scheme }}; --ink: {{ ink }}; --problem: {{ problem }}; }
+:root { color-scheme: {{ scheme }}; --ink: {{ ink }}; --problem: {{ problem }}; --accent: {{ accent }}; }
 body { margin: 0; background: {{ paper }}; }
 </style>
 {% endblock %}
@@ -125,10 +125,9 @@ def _visit(opened: Scenario, compute: worker.Worker, slower: worker.Worker, know
     template = pn.Template(_TEMPLATE)
     template.location = True
     template.add_panel("page", page.view)
-    template.add_variable("scheme", "dark" if dark else "light")
-    template.add_variable("ink", INK[dark])
-    template.add_variable("paper", PAPER[dark])
-    template.add_variable("problem", PROBLEM[dark])
+    colours = {"ink": INK, "paper": PAPER, "problem": PROBLEM, "accent": ACCENT, "scheme": ("light", "dark")}
+    for name, pair in colours.items():
+        template.add_variable(name, pair[dark])
     return template
 
 
