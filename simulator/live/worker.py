@@ -9,6 +9,7 @@ import multiprocessing
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
@@ -84,12 +85,10 @@ def _serve(pipe: Connection) -> None:
     replay = (
         Replay()
     )  # of the last history, so that steps before the one that is changed are not played again
-    while True:
-        try:
+    with suppress(EOFError, OSError, KeyboardInterrupt):  # the page is closed
+        while True:
             function, argument = pipe.recv()
-        except (EOFError, KeyboardInterrupt):
-            return
-        pipe.send(answered(function, argument, replay))
+            pipe.send(answered(function, argument, replay))
 
 
 class Worker:
