@@ -16,6 +16,7 @@ from simulator.simulation.replay import Replay
 
 try:
     import panel as pn
+    from panel.io.notebook import block_comm
 
     from simulator.live.page import Page
 except ImportError as error:
@@ -89,11 +90,14 @@ class Explorer:
     def _work(self) -> None:
         while self._waiting and self._turn.acquire(blocking=False):
             try:
-                while self._waiting:
-                    self._waiting.popleft()()
+                # A newer kernel hears the browser in a thread of its own, where Panel sends at once whatever
+                # has changed by then; of two messages sent at a time the browser can read none.
+                with block_comm():
+                    while self._waiting:
+                        self._waiting.popleft()()
+            finally:
                 if self._is_shown:  # what came before is part of it
                     pn.io.push_notebook(self.view)
-            finally:
                 self._turn.release()
 
 
