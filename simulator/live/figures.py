@@ -158,7 +158,7 @@ class Figures:
         self.loop = picture(
             "loop", "Stretch over voltage" if history.electroded else "Stretch over pressure", 390
         )
-        self.voltage = picture("voltage", "Voltage in time (its corners can be dragged)", 170)
+        self.voltage = picture("voltage", "Voltage in time (drag its corners)", 170)
         self.stretch = picture("stretch", "Stretches in time", 200)
         self.pressure = picture("pressure", "Pressure in time", 150)
         self.balloons = picture("balloons", "Balloons to scale", 190, axes=False)
