@@ -7,6 +7,7 @@ import pytest
 from scipy.linalg import null_space
 from scipy.optimize import brentq
 
+from simulator import simulate
 from simulator.analysis.fold import fold
 from simulator.analysis.trace import trace
 from simulator.model.device import Device
@@ -263,3 +264,47 @@ def test_far_from_where_it_was_sealed_a_gas_has_all_its_digits(gas, gamma):
     assert lost.outcome == "loss_of_tension"
     right = (0.1 / 1e-6 + 1.0) ** (1.0 / gamma) * volume[sealed]
     assert chamber + lost.stretch[-1, 0] ** 3 / 3.0 == pytest.approx(right, rel=1e-13)
+
+
+def sealed_without_pressure(*steps, **more):
+    """A small balloon and a large one, actuated, and sealed at no excess pressure."""
+    balloons = [
+        {"name": name, "radius": radius, "electrodes": True, "elastomer": {"model": "gent", "J_lim": 100}}
+        for name, radius in (("small", 0.3), ("large", 1.0))
+    ]
+    opened = {"ramp": 0.2, "over": 1.0, "valve": "open"}
+    return simulate(
+        {
+            "title": "t",
+            "gas": {"ambient_pressure": 2.0},
+            "balloon": balloons,
+            "step": [opened, *steps],
+            **more,
+        }
+    )
+
+
+def test_sealed_without_pressure_tension_is_lost_where_the_volume_would_grow():
+    """Where one voltage rises and the other falls, the large balloon decides."""
+    on = sealed_without_pressure({"ramp": {"small": 0.5, "large": 0.0}, "over": 1.0})
+    assert on.outcome == "completed"
+    assert on.pressure[-1] > 1e-3
+    lost = sealed_without_pressure({"ramp": {"small": 0.0, "large": 0.5}, "over": 1.0})
+    assert (kinds(lost), lost.events[0].time) == (["loss_of_tension"], 1.0)
+    at_once = sealed_without_pressure({"jump": {"small": 0.5, "large": 0.0}})
+    assert (kinds(at_once), at_once.outcome) == (["jump"], "completed")
+    assert kinds(sealed_without_pressure({"jump": {"small": 0.0, "large": 0.5}})) == ["loss_of_tension"]
+
+
+def test_sealed_without_pressure_nothing_happens_before_a_voltage_moves(tmp_path):
+    (tmp_path / "late.csv").write_text("time,voltage\n0,0.2\n3,0.2\n4,0.4\n")
+    lost = sealed_without_pressure({"table": str(tmp_path / "late.csv")})
+    assert (kinds(lost), lost.events[0].time) == (["loss_of_tension"], 4.0)
+
+
+def test_in_motion_tension_is_lost_where_the_valve_is_closed_on_growing_balloons():
+    slow = {"dynamics": {"relaxation_time": 5.0}}
+    lost = sealed_without_pressure({"ramp": 0.0, "over": 1.0}, **slow)
+    assert (kinds(lost), lost.events[0].time) == (["loss_of_tension"], 1.0)
+    off = sealed_without_pressure({"jump": 0.0}, {"hold": 1.0}, **slow)
+    assert (kinds(off), off.outcome) == ([], "completed")

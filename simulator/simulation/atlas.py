@@ -125,8 +125,11 @@ class Atlas:
     def response(self, group: Group, state: FloatArray, waveform: Waveform) -> Response:
         """Follow a group's branches through a waveform from a state at its start."""
         values = waveform.values
-        if loses_tension(group.equations, state, float(values[np.argmax(values != values[0])])):
-            return Response(group, None, (Exit(EventKind.LOSS_OF_TENSION, state),))
+        moves = int(np.argmax(values != values[0]))
+        if loses_tension(group.equations, state, float(values[moves])):
+            begins = float(waveform.fractions[moves - 1])
+            waits = self.branch_at(group, state) if begins > 0.0 else None
+            return Response(group, waits, (Exit(EventKind.LOSS_OF_TENSION, state, fraction=begins),))
         rise = _first_rise(group.equations, state, values)
         if rise is not None:
             values = np.append(values[: rise[0] + 1], rise[1])
@@ -251,11 +254,50 @@ def _lost(equations: AnyEquations, before: FloatArray, rest: flow.Rest) -> float
 
 
 def loses_tension(equations: Equations, state: FloatArray, target: float) -> bool:
-    """Whether tension is lost at once: no pressure, valve closed, a drive rising towards `target`."""
-    if not equations.has_pressure or state[-2] > _NO_PRESSURE:
+    """Whether tension is lost at once: valve closed, no pressure, and it would fall towards `target`."""
+    if not is_empty(equations, state):
         return False
     v = float(state[-1])
+    if equations.can_go_slack:
+        shares = _pressure_shares(equations, state)
+        if abs(shares.sum()) > _ROUNDING * np.abs(shares).sum():
+            return bool(shares.sum() * (target - v) < 0.0)
+    # Voltages that are off do not count at first order; in a vacuum no pressure could fall.
     return any(m.drive is not None and m.drive.grows(v, target) for m in equations.membranes)
+
+
+def jumps_slack(equations: Equations, state: FloatArray, old: float) -> bool:
+    """Whether the pressure falls from none as stretches set off from `state`, where v has jumped from `old`.
+
+    That of a liquid changes at once.
+    """
+    if not equations.has_pressure:
+        return False
+    at_once = float(equations.admitted(state.tolist())[-2])
+    if at_once != state[-2] or not is_empty(equations, state):
+        return at_once < 0.0
+    if not equations.can_go_slack:
+        return loses_tension(equations, np.append(state[:-1], old), float(state[-1]))
+    forces = equations.residual(state.tolist())
+    swelling = (
+        -wall.cube * x * x * force * wall.modulus / wall.elastomer.pole_form(x)[1]
+        for wall, x, force in zip(equations.walls, state.tolist(), forces, strict=False)
+    )
+    return float(sum(swelling)) > 0.0
+
+
+def is_empty(equations: Equations, state: FloatArray) -> bool:
+    """Whether the valve is closed and there is no pressure."""
+    return equations.has_pressure and not equations.is_open and bool(state[-2] <= _NO_PRESSURE)
+
+
+def _pressure_shares(equations: Equations, state: FloatArray) -> FloatArray:
+    """What each equation contributes to dp/dv along the path."""
+    rows = np.array(equations.linearised(state.tolist())[1], dtype=float)
+    only_pressure = np.zeros(len(rows))
+    only_pressure[-1] = 1.0
+    shares: FloatArray = -np.linalg.solve(rows[:, :-1].T, only_pressure) * rows[:, -1]
+    return shares
 
 
 def _first_rise(equations: Equations, state: FloatArray, values: FloatArray) -> tuple[int, float] | None:
@@ -276,11 +318,6 @@ def _end_where_slack(branch: Branch, target: float) -> None:
         branch.upper = BranchEnd(EventKind.LOSS_OF_TENSION, last.copy())
     if target < low and branch.lower is None and loses_tension(branch.equations, first, target):
         branch.lower = BranchEnd(EventKind.LOSS_OF_TENSION, first.copy())
-
-
-def is_slack(equations: AnyEquations, state: FloatArray) -> bool:
-    """Whether stretches under a changed drive need a pressure below zero: of a liquid it changes at once."""
-    return equations.has_pressure and float(equations.admitted(state.tolist())[-2]) < 0.0
 
 
 def by_time(responses: Sequence[Response], resolution: float) -> list[tuple[float, dict[int, Exit]]]:

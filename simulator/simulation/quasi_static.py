@@ -13,7 +13,7 @@ from simulator.events import EventKind
 from simulator.model.drive import Leg, VoltageLine, Way
 from simulator.model.groups import Group
 from simulator.simulation import motion
-from simulator.simulation.atlas import Atlas, Exit, is_slack, loses_tension
+from simulator.simulation.atlas import Atlas, Exit, jumps_slack
 from simulator.simulation.legs import SAME_INSTANT, PlayedLeg, played_legs
 from simulator.simulation.peaks import Peaks
 from simulator.simulation.playback import Playback, record_exits
@@ -72,11 +72,7 @@ class QuasiStatic:
         across = VoltageLine.through(present.voltage.tolist(), target.tolist())
         old, new = across.coordinate(present.voltage.tolist()), across.coordinate(target.tolist())
         groups = motion.driven(present.device, across, present.pressure, present.contents)
-        if any(
-            loses_tension(g.equations, present.unknowns(g, old), new)
-            or is_slack(g.equations, present.unknowns(g, new))
-            for g in groups
-        ):
+        if any(jumps_slack(g.equations, present.unknowns(g, new), old) for g in groups):
             self.record.event(EventKind.LOSS_OF_TENSION, present.snapshot)
             return True
         exits: dict[int, Exit] = {}

@@ -15,7 +15,7 @@ from simulator.model.conditions import stability_in_motion
 from simulator.model.drive import Leg, VoltageLine, Waveform, Way
 from simulator.model.groups import Group
 from simulator.simulation import motion
-from simulator.simulation.atlas import loses_tension
+from simulator.simulation.atlas import is_empty, loses_tension
 from simulator.simulation.legs import SAME_INSTANT
 from simulator.simulation.present import Samples, Snapshot
 from simulator.simulation.sampling import sample_fractions
@@ -35,7 +35,9 @@ FloatArray = NDArray[np.float64]
 Drive = Callable[[float], tuple[float, float]]
 
 _BEYOND = 1e-9  # a margin so far below zero is not one of rounding
-_SLACK = 1e-14  # a pressure that rounding leaves of none
+_SOON = 1e-4  # of a part of a leg: where it is seen which way voltages go
+_AT_REST = 1e-12  # stretch: what moves by less does not move
+_SLACK = 1e-14  # of the ambient pressure: what rounding leaves of no pressure
 
 
 class RealTime:
@@ -48,6 +50,7 @@ class RealTime:
         self.effort = Effort()
         self.shapes = None if scenario.shape.on_loss == "ignore" else ShapeWatch()
         self.material = material_of(scenario)
+        self.no_pressure = _SLACK * scenario.gas.ambient_pressure
         # Inner stretches of the Maxwell branches: stress free, as the stretches.
         self.inner: FloatArray = np.ones(len(self.material.creeping))
         # What held the balloons until now: before the first step nothing, as with the valve open.
@@ -69,17 +72,11 @@ class RealTime:
         before = VoltageLine.still(present.voltage.tolist())
         still = VoltageLine.still(target.tolist())
         held = self._stable(before, self.held_by)
-        across = VoltageLine.through(present.voltage.tolist(), target.tolist())
-        v0, v1 = (across.coordinate(x.tolist()) for x in (present.voltage, target))
-        driven = motion.all_balloons(present.device, across, present.pressure, present.contents)
-        slack = any(loses_tension(g.equations, present.unknowns(g, v0), v1) for g in driven)
         self.books.change_voltages(present.device, present.stretch, present.voltage, target)
         present.voltage = target
         self.record.sample_now()
         groups = motion.all_balloons(present.device, still, present.pressure, present.contents)
-        if slack:
-            self.record.event(EventKind.LOSS_OF_TENSION, present.snapshot)
-        elif not self._ends_at_once(groups, 0.0) and held and not self._stable(still, present.contents):
+        if not self._ends_at_once(groups, 0.0) and held and not self._stable(still, present.contents):
             self.record.event(EventKind.LIMIT_POINT, present.snapshot, present.snapshot, 0.0)
         self.held_by = present.contents
         return True
@@ -113,16 +110,13 @@ class RealTime:
     def _leg(self, groups: list[Group], leg: Leg, fractions: FloatArray, start: float, lasts: float) -> None:
         """Let the balloons flow through a leg, with samples at those of the fractions that lie in it."""
         present, waveform = self.record.present, leg.waveform
-        first = float(waveform.values[np.argmax(waveform.values != waveform.values[0])])
-        v = float(waveform.values[0])
-        present.pressure = 0.0 if abs(present.pressure) < _SLACK else present.pressure
-        if any(loses_tension(g.equations, present.unknowns(g, v), first) for g in groups):
-            self.record.event(EventKind.LOSS_OF_TENSION, present.snapshot)
+        if self._ends_at_once(groups, float(waveform.values[0])):
             return
-        if self._ends_at_once(groups, v):
-            return
-        flow = Flow(groups, self.material, self.scenario.shape.on_loss)
+        flow = Flow(groups, self.material, self.scenario.shape.on_loss, self.no_pressure)
         for begin, end, drive in smooth_parts(waveform, lasts):
+            if self._goes_slack(flow, drive, (end - begin) * lasts):
+                self.record.event(EventKind.LOSS_OF_TENSION, present.snapshot)
+                return
             within = fractions[(fractions > begin + SAME_INSTANT) & (fractions <= end + SAME_INSTANT)]
             at_end = within > end - SAME_INSTANT
             marks = np.concatenate([[begin], within[~at_end], [end]])
@@ -142,6 +136,20 @@ class RealTime:
             if unseen is not None:
                 raise ArithmeticError(f"{unseen} was passed unseen")
         present.time = start + lasts
+
+    def _goes_slack(self, flow: Flow, drive: Drive, lasts: float) -> bool:
+        """Whether balloons without pressure lose their tension as a part of a leg begins: where they grow."""
+        present = self.record.present
+        if abs(present.pressure) < self.no_pressure:
+            present.pressure = 0.0
+        v, ahead = drive(0.0)[0], drive(_SOON * lasts)[0]
+        empty = [g for g in flow.groups if is_empty(g.equations, present.unknowns(g, v))]
+        if not empty:
+            return False
+        swelling, fastest = flow.swelling(present.stretch, self.inner, v)
+        if fastest * lasts > _AT_REST:
+            return swelling > 0.0
+        return any(loses_tension(g.equations, present.unknowns(g, v), ahead) for g in empty)
 
     def _ends_at_once(self, groups: Sequence[Group], v: float) -> bool:
         """Whether the present state is beyond what ends a history; then that is recorded.

@@ -126,8 +126,11 @@ class Passage:
 class Flow:
     """The flow of all balloons: groups that each have their own equations, under one drive v(t)."""
 
-    def __init__(self, groups: Sequence[Group], material: Material, shapes: Shapes = "ignore") -> None:
+    def __init__(
+        self, groups: Sequence[Group], material: Material, shapes: Shapes = "ignore", no_pressure: float = 0.0
+    ) -> None:
         self.groups = groups
+        self.no_pressure = no_pressure  # below zero by no more is rounding
         self.shapes = shapes
         self.material = material
         self.count = sum(len(group.members) for group in groups)
@@ -163,6 +166,13 @@ class Flow:
             ratio = float(stretch[i] / inner[place])
             total += wall.weight / wall.modulus * branch.modulus * float(_SPRING.energy(ratio))
         return total
+
+    def swelling(self, stretch: FloatArray, inner: FloatArray, v: float) -> tuple[float, float]:
+        """How fast the balloons' volume grows, Σ r³λ² dλ/dt, and the largest |dλ/dt|."""
+        values = [*stretch.tolist(), *inner.tolist(), 0.0, 0.0]
+        rates = self._rates(values, v, 0.0)[: self.count]
+        walls = zip(self._walls, stretch.tolist(), rates, strict=True)
+        return sum(w.cube * x * x * rate for w, x, rate in walls), max(map(abs, rates))
 
     def _rates(self, values: Sequence[float], v: float, speed: float) -> list[float]:
         """Rates of all unknowns (stretches, inner stretches, work, dissipated energy)."""
@@ -226,12 +236,9 @@ class Flow:
             for i, row in zip(group.members, rows, strict=False):
                 for j, entry in zip(group.members, row, strict=False):
                     out[i][j] = entry
-                pole_form, slope = (
-                    self._walls[i].elastomer.pole_form,
-                    self._walls[i].elastomer.pole_form_slope,
-                )
+                law, x = self._walls[i].elastomer, stretch[i]
                 out[i][i] += self._slow[i] * (
-                    cj * pole_form(stretch[i])[1] + slope(stretch[i])[1] * speeds[i]
+                    cj * law.pole_form(x)[1] + law.pole_form_slope(x)[1] * speeds[i]
                 )
         for place, i in enumerate(self.creeping):
             branch, wall = self.material.branches[i], self._walls[i]
@@ -361,14 +368,17 @@ class Flow:
     def _watched(self) -> Iterator[Watched]:
         """What is watched: stability of every group, what ends a history, and the balloons' shapes."""
 
-        def of(group: Group, margin: Callable[[Any], Any], sign: float = 1.0) -> Callable[..., float]:
-            return lambda values, v: sign * float(margin(self.state(group, values, v)))
+        def of(
+            group: Group, margin: Callable[[Any], Any], sign: float = 1.0, rounding: float = 0.0
+        ) -> Callable[..., float]:
+            return lambda values, v: sign * float(margin(self.state(group, values, v))) + rounding
 
         for group in self.groups:
             for condition in group.conditions:
                 turns = condition.kind == EventKind.LIMIT_POINT
-                margin = of(group, stability_in_motion(group.equations) if turns else condition.margin)
-                yield Watched(condition.kind, margin, not turns)
+                margin = stability_in_motion(group.equations) if turns else condition.margin
+                rounding = self.no_pressure * (condition.kind == EventKind.LOSS_OF_TENSION)
+                yield Watched(condition.kind, of(group, margin, rounding=rounding), not turns)
             for shape in shape_conditions(group.equations) if self.shapes != "ignore" else ():
                 balloon, margin = group.members[shape.place], shape.condition.margin
                 stops = self.shapes == "stop"

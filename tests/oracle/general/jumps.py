@@ -40,7 +40,10 @@ def slack_at_once(eq: Equations, y: FloatArray) -> tuple[bool, str | None]:
         pressure = float(motion.state(stretch)[-2])
         doubt = "a liquid's pressure is only just lost, or not" if abs(pressure) < CLOSE else None
         return pressure < 0.0, doubt
-    return y[-2] <= 0.0 and float(eq.areas(stretch) @ motion.rates(stretch)) > 0.0, None
+    rates = motion.rates(stretch)
+    if eq.contents.gas.ambient == eq.contents.pressure == 0.0:
+        return bool(y[-2] <= 0.0 and np.any(rates > 0.0)), None  # nothing is inside: any voltage that rises
+    return y[-2] <= 0.0 and float(eq.areas(stretch) @ rates) > 0.0, None
 
 
 def slack_ahead(eq: Equations, y: FloatArray, v: float) -> tuple[bool, str | None]:

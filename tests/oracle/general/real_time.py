@@ -192,7 +192,7 @@ class _Player:
     def _check(self, drive: Drive) -> bool:
         """Note margins that are negative before anything moves; return whether to watch the tension."""
         taut = True
-        if drive.gas_pressure is not None and abs(self.pressure) <= _NO_PRESSURE * max(1.0, self.ambient):
+        if drive.gas_pressure is not None and abs(self.pressure) <= _NO_PRESSURE * self.ambient:
             taut = self._check_slack(drive)
             if self.ended:
                 return taut
