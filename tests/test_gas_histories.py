@@ -296,6 +296,12 @@ def test_sealed_without_pressure_tension_is_lost_where_the_volume_would_grow():
     assert kinds(sealed_without_pressure({"jump": {"small": 0.0, "large": 0.5}})) == ["loss_of_tension"]
 
 
+def test_in_a_vacuum_a_jump_through_zero_to_a_larger_voltage_loses_the_tension():
+    empty = {"gas": {"ambient_pressure": 0.0}}
+    assert kinds(sealed_without_pressure({"jump": -0.3}, **empty)) == ["loss_of_tension"]
+    assert kinds(sealed_without_pressure({"jump": -0.1}, **empty)) == ["jump"]
+
+
 def test_sealed_without_pressure_nothing_happens_before_a_voltage_moves(tmp_path):
     (tmp_path / "late.csv").write_text("time,voltage\n0,0.2\n3,0.2\n4,0.4\n")
     lost = sealed_without_pressure({"table": str(tmp_path / "late.csv")})

@@ -82,9 +82,7 @@ def _serve(pipe: Connection) -> None:
     """In the process: answer until the pipe is closed."""
     from simulator.simulation.replay import Replay
 
-    replay = (
-        Replay()
-    )  # of the last history, so that steps before the one that is changed are not played again
+    replay = Replay()  # of the last history: steps before the one that changes are not played again
     with suppress(EOFError, OSError, KeyboardInterrupt):  # the page is closed
         while True:
             function, argument = pipe.recv()

@@ -22,12 +22,14 @@ from simulator.solver import flow
 from simulator.solver.branch import Branch, BranchEnd
 from simulator.solver.follow import PathError
 from simulator.solver.ida import Effort
+from simulator.solver.overdamped import consistent
 from simulator.solver.singular import escape_direction, is_fold, parting_directions, sets_off
 
 FloatArray = NDArray[np.float64]
 
 _ROUNDING = 1e-9  # of what the potential loses: no difference between two ways
 _OFF = 1e-4  # stretch by which snaps of one instant are started off their limit points
+_CANCELS = 1e-9  # of the shares of dp/dv: together they are none
 _NO_PRESSURE = 1e-16  # below it a pressure is the rounding of the forces of a wall
 
 
@@ -260,7 +262,7 @@ def loses_tension(equations: Equations, state: FloatArray, target: float) -> boo
     v = float(state[-1])
     if equations.can_go_slack:
         shares = _pressure_shares(equations, state)
-        if abs(shares.sum()) > _ROUNDING * np.abs(shares).sum():
+        if abs(shares.sum()) > _CANCELS * np.abs(shares).sum():
             return bool(shares.sum() * (target - v) < 0.0)
     # Voltages that are off do not count at first order; in a vacuum no pressure could fall.
     return any(m.drive is not None and m.drive.grows(v, target) for m in equations.membranes)
@@ -277,13 +279,9 @@ def jumps_slack(equations: Equations, state: FloatArray, old: float) -> bool:
     if at_once != state[-2] or not is_empty(equations, state):
         return at_once < 0.0
     if not equations.can_go_slack:
-        return loses_tension(equations, np.append(state[:-1], old), float(state[-1]))
-    forces = equations.residual(state.tolist())
-    swelling = (
-        -wall.cube * x * x * force * wall.modulus / wall.elastomer.pole_form(x)[1]
-        for wall, x, force in zip(equations.walls, state.tolist(), forces, strict=False)
-    )
-    return float(sum(swelling)) > 0.0
+        drives = [m.drive for m in equations.membranes if m.drive is not None]
+        return any(abs(drive.at(float(state[-1]))) > abs(drive.at(old)) for drive in drives)
+    return bool(consistent(equations, state)[1][-1] < 0.0)
 
 
 def is_empty(equations: Equations, state: FloatArray) -> bool:
