@@ -5,6 +5,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+INSTALLED_DOCS := $(VENV)/.installed-docs
+SITE := docs/_build/html
 DEMO := fig5b_state_b
 N ?= 10000
 SEED ?= 2026
@@ -16,7 +18,7 @@ WORKERS ?= 2
 # Further options of a study or of the benchmarks: `make accuracy OPTIONS="--repeat 1 --out results"`.
 OPTIONS ?=
 
-.PHONY: help venv demo test browser format check coverage lowest pythons bench fuzz fuzz-whole fuzz-lockstep fuzz-states accuracy stress paper figures
+.PHONY: help venv demo test browser format check coverage lowest pythons bench fuzz fuzz-whole fuzz-lockstep fuzz-states accuracy stress paper figures docs
 
 help:
 	@echo "make demo      run scenarios/$(DEMO).toml, write its CSV files and its picture"
@@ -36,6 +38,7 @@ help:
 	@echo "make stress    play stiff and extreme scenarios, and runs made to go wrong; docs/stability.md"
 	@echo "make paper     compare with every number of the paper; docs/paper.md"
 	@echo "make figures   draw the figures of the paper; docs/figures"
+	@echo "make docs      build the site, every warning an error; $(SITE)/index.html"
 	@echo "make venv      create or update the environment in $(VENV)"
 
 venv: $(INSTALLED)
@@ -87,6 +90,17 @@ fuzz-states: $(INSTALLED)
 
 accuracy stress paper figures: $(INSTALLED)
 	$(BIN)/python -m tests.studies.$@ $(OPTIONS)
+
+# -n: a name that leads nowhere is a warning; -W: every warning is an error.
+docs: $(INSTALLED_DOCS)
+	@rm -rf docs/reference/api
+	$(BIN)/python -m sphinx -W -n --keep-going -q -E -b html docs $(SITE)
+	@echo "The site: $(SITE)/index.html"
+
+$(INSTALLED_DOCS): $(INSTALLED)
+	@echo "Installing what the site is built with ..."
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev,docs]"
+	@touch $@
 
 # The mark is made last, so that an interrupted installation is done again.
 $(INSTALLED): pyproject.toml

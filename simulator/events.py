@@ -30,7 +30,7 @@ class EventKind(StrEnum):
 
 
 class Outcome(StrEnum):
-    """How a history ended. Everything but `FAILED` is physics, and a result."""
+    """How a history ended. Everything but `Outcome.FAILED` is physics, and a result."""
 
     COMPLETED = "completed"
     LOSS_OF_TENSION = "loss_of_tension"

@@ -12,6 +12,7 @@ import pytest
 import simulator
 
 PAGE = Path("docs/python.md").read_text("utf-8")
+API = Path("docs/reference/api.md").read_text("utf-8")
 BLOCKS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
 
 
@@ -34,6 +35,7 @@ def test_the_examples_of_the_page_give_what_they_say(tmp_path: Path) -> None:
 def test_every_public_name_has_its_line_and_an_example(name: str) -> None:
     assert f"**`{name}`**" in PAGE
     assert any(re.search(rf"\b{name}\b", block) for block in BLOCKS)
+    assert f"\n   {name}\n" in API
 
 
 @pytest.mark.parametrize("name", simulator.__all__)

@@ -121,7 +121,7 @@ def in_kernel() -> bool:
 def explore(what: Scenario | History) -> Explorer:
     """The page of `balloons live` as an object that a notebook shows.
 
-    Needs the extra `live`, else MissingExtra is raised.
+    Needs the extra ``live``, else MissingExtra is raised.
 
     Examples
     --------

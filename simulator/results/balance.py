@@ -11,7 +11,7 @@ class EnergyBalance:
 
     `electrical_work` is ∫Σφ dq, `gas_work` is ∫p dV of the supply while the valve is open,
     `stored` the change of Π + Σφq, `dissipated` what the jumps lost. `imbalance` is what is left
-    over, `exchanged` the work that went to and fro (∫|·|), against which it is to be judged.
+    over, `exchanged` the work that went to and fro (``∫|·|``), against which it is to be judged.
     """
 
     electrical_work: float
@@ -23,7 +23,7 @@ class EnergyBalance:
 
     @property
     def relative_imbalance(self) -> float:
-        """|imbalance| over the work exchanged; 0 where nothing was exchanged."""
+        """The size of `imbalance` over the work exchanged; 0 where nothing was exchanged."""
         return abs(self.imbalance) / self.exchanged if self.exchanged else 0.0
 
 

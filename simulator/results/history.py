@@ -56,7 +56,7 @@ class Verdict:
     time, step
         Where the margin is smallest, between samples too; where it broke, if it did.
     field, strength, margin : float
-        |E|, E_b and 1 − |E|/E_b there.
+        ``|E|``, E_b and ``1 − |E|/E_b`` there.
     """
 
     balloon: str
@@ -108,7 +108,7 @@ class History:
     rated : tuple of str
         Names of the balloons whose film has a dielectric strength, in the order of the columns below.
     strength, margin : (n_samples, n_rated) arrays
-        The strength E_b of each film, and 1 − |E|/E_b, how far it is from breakdown.
+        The strength E_b of each film, and ``1 − |E|/E_b``, how far it is from breakdown.
     sphericity : (n_samples, n_balloons) array
         How far each balloon is from turning into a pear, over μ; empty with `[shape] on_loss = "ignore"`.
     extremes : Extremes

@@ -162,7 +162,7 @@ class Scenario(Frozen):
         """The page of `balloons live` as an object, which a notebook shows and answers to.
 
         Elsewhere, and in an exported notebook, it is the history. What it shows at the moment are its
-        `scenario` and `history`. Raises MissingExtra without the extra `live`.
+        ``scenario`` and ``history``. Raises MissingExtra without the extra ``live``.
         """
         from simulator import explore
 

@@ -30,7 +30,7 @@ def load_sweep(directory: str | os.PathLike[str]) -> xr.Dataset | pd.DataFrame:
     -------
     xarray.Dataset or pandas.DataFrame
         Of a grid the dataset: one dimension for each key that was varied, one variable for each other
-        column, with its unit as the attribute `units`. Of samples the table, one row for each run. Runs
+        column, with its unit as the attribute ``units``. Of samples the table, one row for each run. Runs
         that are not there yet are NaN or "", or no rows.
 
     Raises

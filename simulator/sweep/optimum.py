@@ -336,7 +336,7 @@ def _read_limit(limit: float | str, unit: str, dimension: Dimension | None) -> f
 def optimize(question: QuestionLike, *, progress: Callable[[int], None] | None = None) -> Optimum:
     """Find the run that makes a column largest or smallest under the conditions.
 
-    By `scipy.optimize.differential_evolution` over the intervals: a search of the whole box that needs no
+    By ``scipy.optimize.differential_evolution`` over the intervals: a search of the whole box that needs no
     derivatives. The same seed gives the same answer. It does not prove that there is no better one.
 
     Parameters

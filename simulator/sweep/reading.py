@@ -132,7 +132,7 @@ def read_sweep(source: SweepLike, *, file: str | None = None) -> Sweep:
     ----------
     source : path, mapping or Sweep
         A TOML file, or its content as a mapping. The path of the scenario is relative to the folder of
-        the file, for a mapping to the current directory; in a mapping, `scenario` may be a scenario's
+        the file, for a mapping to the current directory; in a mapping, "scenario" may be a scenario's
         mapping itself. A sweep is returned as it is.
     file : str, optional
         Of a mapping: the file it was read from, for messages and for the path of the scenario.

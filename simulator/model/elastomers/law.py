@@ -14,7 +14,7 @@ Number = Any
 class Elastomer(Protocol):
     """What the equations need to know of a material.
 
-    An elastomer known only up to some stretch (a measured curve) has an attribute `largest_stretch` besides;
+    An elastomer known only up to some stretch (a measured curve) also has ``largest_stretch``;
     a history ends there with the event `out_of_range`. One whose balloon stays a sphere without a voltage,
     whatever the pressure, may say so by `stays_spherical = True`. Elastomers are compared and hashed: two
     balloons are equal where theirs are.
