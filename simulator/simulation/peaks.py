@@ -1,8 +1,9 @@
 """Where stretches, fields and margins are largest or smallest on a branch, between its ends.
 
-A quantity is largest where its slope along the path changes its sign. That is looked for on the branch in
-outline, and polished on the branch itself. The states are exact to rounding, and do not depend on where
-samples are taken. A branch is looked at once, however often a history passes along it.
+A quantity is largest where its slope along the path changes its sign. That is looked for between all states
+of a branch that are polished, its points and the states at the Gauss points between them, and found on the
+branch itself. The states are exact to rounding, and do not depend on where samples are taken. A branch is
+looked at once, however often a history passes along it.
 """
 
 from __future__ import annotations
@@ -32,7 +33,6 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Quantity = Callable[[State], Number]
 
-_BETWEEN = 3  # states between two points of a branch at which slopes are looked at first
 _NOISE = 1e-12  # of the largest slope: its sign may be rounding
 _ROUNDS = 60
 _CLOSE = 1e-9  # of a chord: a value is off by the square of that
@@ -126,7 +126,7 @@ class Peaks:
 
 def _peaks(group: Group, branch: Branch) -> FloatArray:
     """The states of a branch in which something is largest or smallest, in order of rising v."""
-    states, ahead = branch.outline(_BETWEEN), branch.headings(_BETWEEN)
+    states, ahead = branch.closely()
     places, which = [], []
     stepped = states + 1j * COMPLEX_STEP * ahead
     found = quantities(group)
@@ -141,39 +141,46 @@ def _peaks(group: Group, branch: Branch) -> FloatArray:
         which += [number] * changes.size
     turns = branch.at(_off(group, states))
     if places:
-        left, right = (states[:, ends] for ends in np.array(places).T)
-        polished = _polished(branch.equations, [found[number] for number in which], left, right)
-        # The outline may turn beside the ends of the branch, where the branch itself does not.
-        inside = (polished[-1] >= states[-1, 0]) & (polished[-1] <= states[-1, -1])
-        turns = np.concatenate([polished[:, inside], turns], axis=1)
+        ends = np.array(places).T
+        chosen = [found[number] for number in which]
+        polished = _polished(branch.equations, chosen, states[:, ends], ahead[:, ends])
+        turns = np.concatenate([polished, turns], axis=1)
     return turns[:, np.unique(turns[-1], return_index=True)[1]]
 
 
 def _polished(
-    equations: Equations, chosen: Sequence[Quantity], left: FloatArray, right: FloatArray
+    equations: Equations, chosen: Sequence[Quantity], ends: FloatArray, ahead: FloatArray
 ) -> FloatArray:
-    """The states in which the slopes of n quantities vanish, each between two, (n_unknowns, n).
+    """The states in which the slopes of n quantities vanish, (n_unknowns, n).
 
-    By regula falsi, as of Illinois, on planes across the chords: v would not do, since it turns at the ends
-    of branches. Where a slope has the same sign at both ends there is nothing to be found, and what is
-    returned is just another state between them.
+    By regula falsi, as of Illinois, on planes across chords: v would not do, since it turns at the ends of
+    branches.
+
+    Parameters
+    ----------
+    equations : Equations
+    chosen : sequence of callable
+        The quantities.
+    ends, ahead : (n_unknowns, 2, n) arrays
+        The two states of the curve between which each is, and the directions in which it goes on from there.
     """
-    chords = right - left
+    left, chords = ends[:, 0], ends[:, 1] - ends[:, 0]
     normals = chords / (equations.scales[:, None] ** 2)
     normals /= np.einsum("ij,ij->j", normals, chords)
 
-    def at(share: FloatArray) -> tuple[FloatArray, FloatArray]:
-        states, rates = newton.on_planes(equations, left + share * chords, normals)
+    def slopes(states: FloatArray, rates: FloatArray) -> FloatArray:
         stepped = states + 1j * COMPLEX_STEP * rates
-        return states, np.array([np.imag(of(stepped[:, k])) for k, of in enumerate(chosen)]) / COMPLEX_STEP
+        return np.array([np.imag(of(stepped[:, k])) for k, of in enumerate(chosen)]) / COMPLEX_STEP
 
     low, high = np.zeros(len(chosen)), np.ones(len(chosen))
-    first, last = at(low)[1], at(high)[1]
+    first, last = (
+        slopes(ends[:, i], ahead[:, i] / np.einsum("ij,ij->j", normals, ahead[:, i])) for i in (0, 1)
+    )
     before = high
     for _ in range(_ROUNDS):
-        between = np.where(first * last < 0.0, last - first, np.inf)
-        middle = np.where(np.isfinite(between), (low * last - high * first) / between, 0.5 * (low + high))
-        states, slope = at(middle)
+        middle = (low * last - high * first) / (last - first)
+        states, rates = newton.on_planes(equations, left + middle * chords, normals)
+        slope = slopes(states, rates)
         if (np.abs(middle - before) <= _CLOSE).all() or not slope.any():
             break
         same = slope * first > 0.0

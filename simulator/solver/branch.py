@@ -20,6 +20,7 @@ from simulator.solver.certify import sharp
 from simulator.solver.follow import follow
 from simulator.solver.ida import Effort
 from simulator.solver.segment import (
+    GAUSS_POINTS,
     SHORT,
     STRAIGHT,
     Cubics,
@@ -28,6 +29,7 @@ from simulator.solver.segment import (
     rounding,
     shares,
     straight,
+    where_rising,
     work,
 )
 
@@ -72,6 +74,8 @@ class Branch:
         Polished points in order of rising v, and tangents towards rising v.
     work : (n − 1,) array
         ∫ −∂Π/∂v dv over the interval between each two points.
+    dense, speeds : (n_unknowns, n − 1, k) arrays
+        Polished states at the Gauss points between each two points, and directions there; see `Segment`.
     lower, upper : BranchEnd or None
         The event that ends it below and above, once met.
     """
@@ -81,6 +85,8 @@ class Branch:
     states: FloatArray
     tangents: FloatArray
     work: FloatArray
+    dense: FloatArray
+    speeds: FloatArray
     lower: BranchEnd | None = None
     upper: BranchEnd | None = None
     _works: dict[tuple[float, float], float] = field(default_factory=dict, repr=False)
@@ -92,7 +98,10 @@ class Branch:
     @classmethod
     def through(cls, equations: Equations, conditions: tuple[Condition, ...], state: FloatArray) -> Branch:
         """The branch through a polished state, nothing else of it known yet."""
-        return cls(equations, conditions, state[:, None].copy(), np.zeros((state.size, 1)), np.zeros(0))
+        none = np.zeros((state.size, 0, GAUSS_POINTS.size))
+        return cls(
+            equations, conditions, state[:, None].copy(), np.zeros((state.size, 1)), np.zeros(0), none, none
+        )
 
     @classmethod
     def leaving(
@@ -169,8 +178,9 @@ class Branch:
         done = segment.work(equations)
         end = BranchEnd(conditions[0].kind, point)
         if direction > 0.0:
-            return cls(equations, conditions, nodes, tangents, done, lower=end)
-        return cls(equations, conditions, nodes[:, ::-1], -tangents[:, ::-1], -done, upper=end)
+            return cls(equations, conditions, nodes, tangents, done, segment.dense, segment.speeds, lower=end)
+        dense, speeds = segment.dense[:, ::-1, ::-1], -segment.speeds[:, ::-1, ::-1]
+        return cls(equations, conditions, nodes[:, ::-1], -tangents[:, ::-1], -done, dense, speeds, upper=end)
 
     def reach(self, v: float, rtol: float, effort: Effort) -> BranchEnd | None:
         """Follow the branch until it is known at `v`; return the end that comes before it, if one does."""
@@ -181,6 +191,8 @@ class Branch:
             self.states = np.concatenate([self.states[:, :-1], segment.states], axis=1)
             self.tangents = np.concatenate([self.tangents[:, :-1], ahead], axis=1)
             self.work = np.concatenate([self.work, segment.work(self.equations)])
+            self.dense = np.concatenate([self.dense, segment.dense], axis=1)
+            self.speeds = np.concatenate([self.speeds, segment.speeds], axis=1)
             self._cubics = None
             if segment.end is not None:
                 self.upper = BranchEnd(segment.end, segment.states[:, -1].copy())
@@ -190,6 +202,8 @@ class Branch:
             self.states = np.concatenate([segment.states[:, ::-1], self.states[:, 1:]], axis=1)
             self.tangents = np.concatenate([-ahead[:, ::-1], self.tangents[:, 1:]], axis=1)
             self.work = np.concatenate([-segment.work(self.equations)[::-1], self.work])
+            self.dense = np.concatenate([segment.dense[:, ::-1, ::-1], self.dense], axis=1)
+            self.speeds = np.concatenate([-segment.speeds[:, ::-1, ::-1], self.speeds], axis=1)
             self._cubics = None
             if segment.end is not None:
                 self.lower = BranchEnd(segment.end, segment.states[:, -1].copy())
@@ -233,13 +247,24 @@ class Branch:
         inner = (y0 + x * (m0 + x * (a + x * b))).reshape(len(self.states), -1)
         return np.concatenate([inner, self.states[:, -1:]], axis=1)
 
-    def headings(self, count: int) -> FloatArray:
-        """The directions, towards rising v and of any length, in which the path goes on from `outline`."""
-        c = self._through_points()
-        x = np.arange(count + 1) / (count + 1.0)
-        m0, a, b = (part[:, :, None] for part in (c.m0, c.a, c.b))
-        inner = (m0 + x * (2.0 * a + x * 3.0 * b)).reshape(len(self.states), -1)
-        return np.concatenate([inner, self.tangents[:, -1:]], axis=1)
+    def closely(self) -> tuple[FloatArray, FloatArray]:
+        """All polished states that are known, and unit directions towards rising v in which the path goes on.
+
+        Returns
+        -------
+        states, headings : (n_unknowns, n + (n − 1) k) arrays
+            The points and the states at the Gauss points between them, in order of rising v.
+        """
+        inner = newton.unit(self.equations, self.speeds.reshape(len(self.states), -1))
+        rows, between = len(self.states), self.states.shape[1] - 1
+        parts = (self.states, self.dense), (self.tangents, inner.reshape(self.dense.shape))
+        states, headings = (
+            np.concatenate(
+                [np.concatenate([at[:, :-1, None], on], axis=2).reshape(rows, -1), at[:, between:]], axis=1
+            )
+            for at, on in parts
+        )
+        return states, headings
 
     def _through_points(self) -> Cubics:
         if self._cubics is None:
@@ -301,7 +326,7 @@ class Branch:
         """Interpolated states at v, each in its interval."""
         c = self._through_points()
         y0, m0, a, b = c.y0[:, place], c.m0[:, place], c.a[:, place], c.b[:, place]
-        x = _where(v - y0[-1], m0[-1], a[-1], b[-1])
+        x = where_rising(v - y0[-1], m0[-1], a[-1], b[-1])
         states: FloatArray = y0 + x * (m0 + x * (a + x * b))
         states[-1] = v
         return states
@@ -378,20 +403,3 @@ class Branch:
         if place.size:
             return self.tangents[:, place[:1]]
         return newton.tangents(self.equations, state, towards)
-
-
-def _where(ahead: FloatArray, m0: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
-    """The ξ in [0, 1] at which a rising cubic ξ(m0 + ξ(a + ξb)) takes a value."""
-    change, m1 = m0 + a + b, m0 + 2.0 * a + 3.0 * b
-    # A parabola with the smaller of the end slopes starts right even where a fold makes that slope zero.
-    from_first = m0 <= m1
-    slope = np.where(from_first, m0, m1)
-    part = np.where(from_first, ahead, change - ahead)
-    root = slope + np.sqrt(np.maximum(slope * slope + 4.0 * (change - slope) * part, 0.0))
-    x = np.divide(2.0 * part, root, out=np.zeros_like(part), where=root > 0.0)
-    x = np.clip(np.where(from_first, x, 1.0 - x), 0.0, 1.0)
-    for _ in range(2):
-        value = x * (m0 + x * (a + x * b)) - ahead
-        slope = m0 + x * (2.0 * a + x * 3.0 * b)
-        x = np.clip(x - np.divide(value, slope, out=np.zeros_like(x), where=slope > 0.0), 0.0, 1.0)
-    return np.asarray(x)

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 _LOOSE = 1e-4
-_TIGHT = 1e-11
+_TIGHT = 1e-12
 _NEAREST = {_LOOSE: 1e-7, _TIGHT: 1e-10}  # the same, at last, by tolerance
 _PARTING = 1e-12  # an eigenvalue below zero by more is one that parts equal balloons
 _GHOST = 1e-3  # how near a limit point that no longer holds it a creeping state is taken past it

@@ -313,3 +313,20 @@ def straight(start: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray
 def rounding(equations: Equations, v: float) -> float:
     """How far apart two values of v near this one must be to differ."""
     return float(ULPS * max(abs(v), float(equations.scales[-1])))
+
+
+def where_rising(ahead: FloatArray, m0: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
+    """The ξ in [0, 1] at which a rising cubic ξ(m0 + ξ(a + ξb)) takes a value."""
+    change, m1 = m0 + a + b, m0 + 2.0 * a + 3.0 * b
+    # A parabola with the smaller of the end slopes starts right even where a fold makes that slope zero.
+    from_first = m0 <= m1
+    slope = np.where(from_first, m0, m1)
+    part = np.where(from_first, ahead, change - ahead)
+    root = slope + np.sqrt(np.maximum(slope * slope + 4.0 * (change - slope) * part, 0.0))
+    x = np.divide(2.0 * part, root, out=np.zeros_like(part), where=root > 0.0)
+    x = np.clip(np.where(from_first, x, 1.0 - x), 0.0, 1.0)
+    for _ in range(2):
+        value = x * (m0 + x * (a + x * b)) - ahead
+        slope = m0 + x * (2.0 * a + x * 3.0 * b)
+        x = np.clip(x - np.divide(value, slope, out=np.zeros_like(x), where=slope > 0.0), 0.0, 1.0)
+    return np.asarray(x)

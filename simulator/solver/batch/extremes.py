@@ -24,6 +24,7 @@ def largest(
     batch: Stacked,
     quantity: Quantity,
     states: FloatArray,
+    tangents: FloatArray,
     place: NDArray[np.int64],
     so_far: FloatArray,
 ) -> FloatArray:
@@ -36,6 +37,8 @@ def largest(
         Of runs and their states (n_unknowns, …, n_runs), real or complex.
     states : (n_unknowns, 5, n_runs) array
         See `interval`.
+    tangents : (n_unknowns, 2, n_runs) array
+        At the first and the last point.
     place : (n_runs,) array
         The softest balloon.
     so_far : (n_runs,) array
@@ -43,6 +46,9 @@ def largest(
     values = np.asarray(quantity(batch, states))
     out: FloatArray = np.maximum(so_far, values.max(axis=0))
     slopes = np.einsum("ej,jn->en", SLOPES, values)
+    # Those at the two ends, as they are: it may be largest right beside one, where a path ends.
+    ahead = np.asarray(quantity(batch, states[:, [0, -1]] + 1j * COMPLEX_STEP * tangents))
+    slopes[[0, -1]] = ahead.imag
     some = np.flatnonzero(~((slopes >= 0.0).all(axis=0) | (slopes <= 0.0).all(axis=0)))
     if not some.size:
         return out

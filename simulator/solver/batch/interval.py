@@ -55,6 +55,8 @@ class Interval(NamedTuple):
     Attributes
     ----------
     states : (n_unknowns, 5, n_runs) array
+    tangents : (n_unknowns, 2, n_runs) array
+        Unit tangents at its two ends.
     margins : (n_margins, 5, n_runs) array
         The softest balloon's pivot, the smallest ∂R/∂λ of the others, then those of `Stacked.margins`.
     work : (n_runs,) array
@@ -68,6 +70,7 @@ class Interval(NamedTuple):
     """
 
     states: FloatArray
+    tangents: FloatArray
     margins: FloatArray
     work: FloatArray
     exchanged: FloatArray
@@ -145,7 +148,8 @@ def interval(
         & (np.abs(defect) <= _WORK * (exchanged + 1e-4 * np.abs(energy).max(axis=0)))
         & (cosines > 1.4)
     )
-    return Interval(states, np.stack(margins), work, exchanged, defect, smooth)
+    tangents = np.stack([first.tangent, last.tangent], axis=1)
+    return Interval(states, tangents, np.stack(margins), work, exchanged, defect, smooth)
 
 
 class Sight(NamedTuple):

@@ -237,19 +237,19 @@ def _note(
     out.work[at] += found.work[which]
     out.exchanged[at] += found.exchanged[which]
     out.defect[at] += found.defect[which]
-    states, place = found.states[:, :, which], place[which]
+    states, tangents, place = found.states[:, :, which], found.tangents[:, :, which], place[which]
     batch = batch if which.all() else batch.take(which)
     if batch.watched:
-        out.least[:, at] = shapes.least_on(batch, states, place, out.least[:, at])
+        out.least[:, at] = shapes.least_on(batch, states, tangents, place, out.least[:, at])
         crossings, certain = shapes.crossings(batch, states, place, out.steps)
         out.crossings += [one._replace(runs=at[one.runs]) for one in crossings]
         out.uncertain[at[~certain]] = True
     for i, membrane in enumerate(batch.membranes):
-        out.largest[i, at] = largest(batch, partial(_stretch, i), states, place, out.largest[i, at])
+        out.largest[i, at] = largest(batch, partial(_stretch, i), states, tangents, place, out.largest[i, at])
         if isinstance(membrane, ElectrodedMembrane):
             square_so_far = out.largest_field[i, at] ** 2
             out.largest_field[i, at] = np.sqrt(
-                largest(batch, partial(_field_squared, i), states, place, square_so_far)
+                largest(batch, partial(_field_squared, i), states, tangents, place, square_so_far)
             )
 
 

@@ -67,10 +67,15 @@ def least(batch: Stacked, y: FloatArray) -> FloatArray:
     return np.stack([np.broadcast_to(-minus_margin(i, batch, y), y.shape[1:]) for i in range(batch.count)])
 
 
-def least_on(batch: Stacked, states: FloatArray, place: Places, so_far: FloatArray) -> FloatArray:
+def least_on(
+    batch: Stacked, states: FloatArray, tangents: FloatArray, place: Places, so_far: FloatArray
+) -> FloatArray:
     """The smaller of `so_far` (n_balloons, n_runs) and s of every balloon on intervals given by points."""
     return np.stack(
-        [-largest(batch, partial(minus_margin, i), states, place, -so_far[i]) for i in range(batch.count)]
+        [
+            -largest(batch, partial(minus_margin, i), states, tangents, place, -so_far[i])
+            for i in range(batch.count)
+        ]
     )
 
 

@@ -305,6 +305,7 @@ def _jump(state: Played, runs: Index, target: FloatArray) -> None:
     rides: list[tuple[tuple[int, ...], Stacked, FloatArray, Ride]] = []
     for members, batch, start in groups:
         ride = Ride.at(batch, start)
+        ride.largest_field[:] = 0.0  # the new voltage on the old films is within the flow
         settle(batch, ride, np.arange(runs.size), start, flow.relax(batch, start))
         ride.snapped[:] = False  # a jump is no snap
         rides.append((members, batch, start, ride))
