@@ -180,6 +180,33 @@ def test_extremes_do_not_depend_on_the_samples_of_a_long_wave():
     assert odd.extremes.largest_field == pytest.approx(few.extremes.largest_field, abs=1e-12)
 
 
+def test_a_largest_stretch_just_before_a_sharp_limit_point():
+    # Two balloons, both driven, that are almost alike: the stiffer one is pulled back as the other lets go.
+    balloons = [
+        {"name": "stiff", "radius": 1.085, "elastomer": {"model": "gent", "J_lim": 30.26}},
+        {"name": "soft", "radius": 1.032, "modulus": 0.8258924658881064,
+         "elastomer": {"model": "mooney-rivlin", "C1": 1.805, "C2": 0.01057}},
+    ]  # fmt: skip
+
+    def played(points, *ramps):
+        return run(
+            load_scenario(
+                {
+                    "title": "almost alike",
+                    "gas": {"ambient_pressure": 0.42865880909274895},
+                    "balloon": [{**balloon, "electrodes": True} for balloon in balloons],
+                    "step": [{"inflate": 0.5008}, *({"ramp": v} for v in ramps)],
+                    "output": {"points": points},
+                }
+            )
+        )
+
+    few, many = played(3, 1.0), played(1001, 0.54, 0.56)
+    assert few.events[0].voltage[0] == pytest.approx(0.5658250886)
+    assert few.stretch[:, 0].max() < 1.12  # not among the samples
+    assert few.extremes.largest_stretch[0] == pytest.approx(_dense(many, many.stretch[:, 0]), abs=1e-9)
+
+
 def test_a_table_is_sampled_at_its_rows_if_asked_for(tmp_path):
     times = np.linspace(0.0, 5.0, 301)
     voltages = 0.1 * np.abs(np.sin(7.0 * times**2))

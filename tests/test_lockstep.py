@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from simulator import load_scenario
+from simulator import load_scenario, simulate
 from simulator.scenario import ScenarioError
 from simulator.scenario.mapping import with_values
 from simulator.sweep import load_table, read_sweep, run_sweep, simulate_many
@@ -32,25 +32,31 @@ PAIR = {
 }
 
 
-def both_ways(definition, least):
-    """Play a sweep of samples in lockstep, and every run that was certain by itself, too."""
+def in_lockstep(definition):
+    """The rows of a sweep of samples; of runs that were given up only what varies."""
     sweep = read_sweep(definition)
-    job, values = sweep.job, sweep.values(0, sweep.size)
-    names = list(columns(job))
+    names, values = list(columns(sweep.job)), sweep.values(0, sweep.size)
     together = chunk.rows(
-        job,
+        sweep.job,
         0,
         values,
         (),
         names,
         lambda job, index, values: {a.key: v for a, v in zip(job.axes, values, strict=True)},
     )
-    way = names.index("way")
-    certain = [k for k, row in enumerate(together) if row[way] == chunk.LOCKSTEP]
+    return [dict(zip(names, row, strict=True)) for row in together]
+
+
+def both_ways(definition, least):
+    """Play a sweep of samples in lockstep, and every run that was certain by itself, too."""
+    sweep = read_sweep(definition)
+    job, values = sweep.job, sweep.values(0, sweep.size)
+    rows = in_lockstep(definition)
+    certain = [k for k, row in enumerate(rows) if row["way"] == chunk.LOCKSTEP]
     assert len(certain) >= least * len(values)
     for k in certain:
-        chunk.compare(k + 1, dict(zip(names, together[k], strict=True)), play(job, k, values[k]))
-    return [dict(zip(names, row, strict=True)) for row in together]
+        chunk.compare(k + 1, rows[k], play(job, k, values[k]))
+    return rows
 
 
 def sampled(scenario, vary, size=40, **more):
@@ -224,6 +230,60 @@ def test_a_disagreement_is_an_error_that_names_the_run(monkeypatch):
 
     with pytest.raises(DisagreementError, match=r"run 12: limit_points is \d in lockstep and 7"):
         chunk.rows(sweep.job, 10, sweep.values(0, 40), (1,), names, wrong)
+
+
+@pytest.mark.parametrize("off", [-1e-7, 1e-7])
+@pytest.mark.parametrize("name", ["largest_stretch_passive", "largest_field_active"])
+def test_largest_values_are_compared_both_ways(name, off):
+    alone = play(read_sweep(sampled(PAIR, {"gas.ambient_pressure": (0.02, 1.0)})).job, 0, (0.5,))
+    chunk.compare(1, alone, alone)
+    with pytest.raises(DisagreementError, match=name):
+        chunk.compare(1, {**alone, name: alone[name] * (1.0 + off)}, alone)
+
+
+def test_what_is_lost_is_compared_over_the_work_done():
+    rows = [{"dissipated": 844.0 + off, "loop_work": 3.5e7} for off in (0.0, 3e-5, 1e-4)]
+    chunk.compare(1, rows[1], rows[0])
+    with pytest.raises(DisagreementError, match="dissipated"):
+        chunk.compare(1, rows[2], rows[0])
+
+
+def test_the_new_voltage_on_old_films_is_not_among_the_fields_of_a_jump():
+    """A film that runs away at once was never at rest under a voltage."""
+    film = {"name": "active", "electrodes": True, "elastomer": {"model": "neo-hookean"}}
+    scenario = {**PAIR, "balloon": [film], "step": [{"inflate": 0.8}, {"jump": 0.7, "valve": "open"}]}
+    rows = in_lockstep(sampled(scenario, {"step.2.jump": (0.6, 0.9)}))
+    assert {(row["outcome"], row["largest_field_active"]) for row in rows} == {("runaway", 0.0)}
+
+
+def test_a_largest_field_right_before_a_limit_point():
+    radii = (0.176, 0.1842811024233263, 0.176, 0.16153214827334192)
+    thick = (1.0, 1.0, 0.8194679644473716, 1.0)
+    balloons = [
+        {
+            "name": f"b{i}",
+            "electrodes": True,
+            "radius": r,
+            "thickness": h,
+            "elastomer": {"model": "neo-hookean"},
+        }
+        for i, (r, h) in enumerate(zip(radii, thick, strict=True))
+    ]
+    scenario = {
+        "title": "a peak right before a limit point",
+        "gas": {"ambient_pressure": 0.0, "chamber": 0.008429},
+        "balloon": balloons,
+        "step": [{"inflate": 2.657921664201753}, {"ramp": 0.8566472244801931}],
+        "shape": {"on_loss": "ignore"},
+    }
+    rows = in_lockstep(sampled(scenario, {"step.2.ramp": (0.8, 0.9)}, size=32))
+    turn = rows[0]["limit_point_1_voltage_b0"]
+    # Densely, on the last of the way there.
+    steps = [{"inflate": 2.657921664201753}, {"ramp": turn * 0.9995}, {"ramp": turn * 0.9999}]
+    history = simulate({**scenario, "step": steps, "output": {"points": 2001}})
+    right = history.field[:, 0].max()
+    assert right > history.field[-1, 0] + 1e-6
+    assert rows[0]["largest_field_b0"] == pytest.approx(right, abs=1e-9)
 
 
 @pytest.mark.parametrize(("size", "audited"), [(12, 12), (700, 20), (5_000, 50), (100_000, 200)])

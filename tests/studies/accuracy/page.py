@@ -158,7 +158,7 @@ The largest errors over all scenarios. Time is over that at the default, a geome
 the equations. So the limit points and the sampled states ({_number(polished)} at most), and the landings at rest
 ({_number(landing)}), are at rounding at every tolerance, and there is no order to speak of. Two numbers are more than
 solutions of equations. The work is a quadrature between the points of the path, {_number(digest.worst(own, "work_error"))} at most.
-And where a snap loses its tension on the way, that state depends on the flow. The simulator integrates it at 1e-11 whatever
+And where a snap loses its tension on the way, that state depends on the flow. The simulator integrates it at 1e-12 whatever
 `solver.rtol` says, the reference at 1e-10; their difference is the column *tension lost*.
 
 {_why_default(rows, own, again)}{_failed(own)}"""
