@@ -95,18 +95,13 @@ class Watched:
         for i in range(len(shares) - 1):
             if values[i + 1] <= AT:
                 return self._polished(eq, piece, margin, ahead, shares[i], shares[i + 1])
-            if (
-                i
-                and values[i - 1] > values[i] <= values[i + 1]
-                and values[i] < 0.5 * (values[i - 1] + values[i + 1])
-            ):
-                low = minimize_scalar(
-                    ahead, bounds=(shares[i - 1], shares[i + 1]), method="bounded", options={"xatol": 1e-10}
-                )
+            if _may_dip(ahead, shares, values, i):
+                around = shares[max(i - 1, 0)], shares[i + 1]
+                low = minimize_scalar(ahead, bounds=around, method="bounded", options={"xatol": 1e-10})
                 if abs(low.fun) < CLOSE:
                     self.doubt = f"a {self.kind} is only just touched or not, {low.fun:.2g}"
                 if low.fun <= AT:
-                    return self._polished(eq, piece, margin, ahead, shares[i - 1], float(low.x))
+                    return self._polished(eq, piece, margin, ahead, around[0], float(low.x))
         return None
 
     def _polished(
@@ -127,3 +122,18 @@ class Watched:
         if found is None or np.max(np.abs(found - guess) / eq.scales(guess)) > 1e-7:
             raise PathError(f"the state with a {self.kind} of {self.value} could not be polished")
         return found
+
+
+def _may_dip(
+    ahead: Callable[[float], float], shares: Sequence[float], values: Sequence[float], i: int
+) -> bool:
+    """Whether a distance may be smallest beside the sample i of a piece, where both neighbours are larger.
+
+    At the ends of a piece, which have one neighbour, its slope there decides.
+    """
+    beside = 1e-6
+    if i == 0:
+        return values[0] <= values[1] and ahead(shares[0] + beside) < values[0]
+    if i == len(shares) - 2 and values[i + 1] <= values[i] and ahead(shares[-1] - beside) < values[-1]:
+        return True
+    return values[i - 1] > values[i] <= values[i + 1] and values[i] < 0.5 * (values[i - 1] + values[i + 1])
