@@ -57,6 +57,8 @@ CHARGE = Dimension("a charge", "1 µC", "C", "charge", "4πR²√(εμ)")
 VOLUME = Dimension("a volume", "0.5 l", "m^3", "volume", "4πR³")
 ENERGY = Dimension("an energy", "1 mJ", "J", "energy", "4πR²Hμ")
 
+_RATIOS = (RADIUS, THICKNESS, MODULUS, PERMITTIVITY)  # those of a balloon to the reference balloon
+
 DIMENSIONS = (
     TIME,
     RADIUS,
@@ -202,7 +204,9 @@ def has_unit(text: str) -> bool:
 def read(text: str, dimension: Dimension, scales: Scales) -> float:
     """A text with a unit as a dimensionless number.
 
-    Prefixes and powers of ten are exact: "8 kV" and "8000 V" are one number.
+    Prefixes and powers of ten are exact: "8 kV" and "8000 V" are one number. A size of a balloon over that of
+    the reference balloon is rounded to 15 digits, so that "0.336 mm" of 0.448 mm is 0.75: balloons that are
+    written alike in different ways are alike, and move together.
 
     Raises
     ------
@@ -212,7 +216,7 @@ def read(text: str, dimension: Dimension, scales: Scales) -> float:
     value = read_si(text, dimension) / scales.of(dimension)
     if not math.isfinite(value):
         raise ValueError("it is too large")
-    return value
+    return float(f"{value:.15g}") if dimension in _RATIOS else value
 
 
 def read_si(text: str, dimension: Dimension) -> float:
