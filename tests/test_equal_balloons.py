@@ -174,3 +174,19 @@ def test_in_motion_equal_balloons_stay_alike_also_where_that_is_unstable(maxwell
     both, here, there = np.intersect1d(together.time, alone.time, return_indices=True)
     assert both.size > 290
     assert together.stretch[here, 0] == pytest.approx(alone.stretch[there, 0], abs=1e-7)
+
+
+def test_in_motion_slow_equal_balloons_take_no_more_steps_than_one_alone() -> None:
+    """Slow against the relaxation time, what parts equal balloons is stiff, although it is not there."""
+    steps: list[dict[str, Any]] = [
+        {"inflate": 3.2, "over": 1e4},
+        {"sine": {"mean": 0.0, "amplitude": 0.54, "period": 1e4, "cycles": 2}},
+    ]
+
+    def steps_of(count: int) -> int:
+        document = device(count, steps, ambient_pressure=0.007)
+        document["balloon"] = [b | {"radius": 0.24} for b in document["balloon"]]
+        document["dynamics"] = {"relaxation_time": 12.0}
+        return simulate(load_scenario(document)).statistics.ida_steps
+
+    assert steps_of(2) < 1.2 * steps_of(1)

@@ -161,7 +161,6 @@ def test_balloons_written_alike_in_two_ways_are_alike() -> None:
     assert units.read("0.33565626 mm", units.THICKNESS, scales) == 0.7494
 
 
-
 @pytest.mark.parametrize(
     ("key", "name"),
     [

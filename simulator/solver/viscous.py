@@ -297,11 +297,23 @@ class Flow:
             v, values = drive(t)[0], even(values)
             return [one.margin(values, v) for one in watched]
 
+        def jacobian(t: float, values: list[float], speeds: list[float], cj: float) -> list[list[float]]:
+            v, values = drive(t)[0], even(values)
+            rows = self._jacobian(values, speeds, v, cj)
+            if not equals:
+                return rows
+            # The residual depends on the means alone: where equal balloons would part, the rest is singular.
+            own = self._jacobian(values, speeds, v, 0.0)
+            return [
+                [entry - part + mean for entry, part, mean in zip(row, parts, even(parts), strict=True)]
+                for row, parts in zip(rows, own, strict=True)
+            ]
+
         start = np.array(even([*stretch.tolist(), *inner.tolist(), 0.0, 0.0]))
         rounding = sum(w.weight * x**4 for w, x in zip(self._walls, stretch.tolist(), strict=True))
         system = System(
             lambda t, y, yp: self._residual(even(y), yp, *drive(t)),
-            lambda t, y, yp, cj: self._jacobian(even(y), yp, drive(t)[0], cj),
+            jacobian,
             margins,
             [one.ends for one in watched],
         )
