@@ -52,8 +52,12 @@ def single(
 
 
 def run(scenario: Scenario) -> History:
-    """Play a scenario for spheres only: shapes, and the events of their loss, have tests of their own."""
-    return simulate(scenario.model_copy(update={"shape": Shape(on_loss="ignore")}))
+    """Play a scenario for spheres only, with samples on the grid alone.
+
+    Shapes, the events of their loss, and samples where curves bend have tests of their own.
+    """
+    output = scenario.output.model_copy(update={"chord": 1.0})
+    return simulate(scenario.model_copy(update={"shape": Shape(on_loss="ignore"), "output": output}))
 
 
 def kinds(history: History) -> list[str]:

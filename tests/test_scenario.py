@@ -416,7 +416,7 @@ REFUSED = [
         "triangle = { low = 0, high = 1, period = 1, cycles = 1, mean = 0 }",
         [("step.3.steps.1.triangle.mean", 0, "unknown key, allowed here: low, high, period, cycles")],
     ),
-    (POINTS, "point = 4", [("output.point", 4, "unknown key, allowed here: points, every, rows")]),
+    (POINTS, "point = 4", [("output.point", 4, "unknown key, allowed here: points, every, rows, chord")]),
     ("rtol = 1e-5", "atol = 1", [("solver.atol", 1, "unknown key, allowed here: rtol")]),
     # kinds of step
     (

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.analysis.path import Path, stretch_stop, whole_path
+from simulator.analysis.closer import closer
+from simulator.analysis.path import Path, PathPoints, stretch_stop, whole_path
 from simulator.analysis.shapes import lost_on, shape_points
 from simulator.analysis.start import rests, sealed_state
 from simulator.model import groups
@@ -20,7 +21,7 @@ from simulator.model.device import Device
 from simulator.model.drive import VoltageLine
 from simulator.model.equations import SealedBalloons
 from simulator.model.groups import Group
-from simulator.results.curve import Curve, SpecialPoint
+from simulator.results.curve import Curve, SpecialPoint, farthest_shown
 from simulator.scenario import Problem, ScenarioError, dimensionless, load_scenario
 from simulator.units import PRESSURE, VOLTAGE
 
@@ -185,10 +186,30 @@ def _apart(group: Group, start: FloatArray) -> tuple[Group, FloatArray, list[int
     )
 
 
+def _closer(device: Device, group: Group, path: Path) -> PathPoints:
+    """The points of a path, close enough for a picture."""
+    equations = group.equations
+    place = device.electroded[0] if device.electroded else 0
+
+    def drive(states: FloatArray) -> FloatArray:
+        return states[-1] if device.electroded else np.asarray(equations.pressure(states))
+
+    def quantities(states: FloatArray) -> FloatArray:
+        stretch = states[: len(device.names)].T
+        voltage = np.repeat(states[-1:].T, len(device.electroded), axis=1)
+        own = device.field(stretch, voltage), device.charge(stretch, voltage)
+        return np.column_stack([stretch, equations.pressure(states), voltage, *own])
+
+    points = path.points(equations.scales)
+    marked = drive(np.array([found.state for found in path.found]).T)[:-1].tolist()
+    far = farthest_shown(drive(points.states), points.states[place], marked, path.found[-1].kind)
+    return closer(equations, points, quantities, 1.05 * far, drive)
+
+
 def _curve(scenario: Scenario, device: Device, group: Group, path: Path) -> Curve:
     """Points and special points of a path, with everything derived from them."""
     equations, many = group.equations, len(device.electroded)
-    points = path.points(equations.scales)
+    points = _closer(device, group, path)
     stretch = points.states[: len(device.names)].T
     voltage = np.repeat(points.states[-1:].T, many, axis=1)
     pressure = np.asarray(equations.pressure(points.states))

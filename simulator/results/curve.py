@@ -16,6 +16,7 @@ from simulator.events import SHAPE_EVENTS
 from simulator.results.equality import same
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from os import PathLike
     from pathlib import Path
 
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from simulator.units import Dimension, Scales
 
 FloatArray = NDArray[np.float64]
+
+_NEARLY = 0.95  # a path that runs off along its stretch limit is shown up to this part of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +63,26 @@ class SpecialPoint:
 
     def __hash__(self) -> int:
         return hash((self.kind, self.arclength))
+
+
+def farthest_shown(drive: FloatArray, stretch: FloatArray, marked: Sequence[float], end: str) -> float:
+    """The voltage or pressure up to which a path is worth showing.
+
+    Parameters
+    ----------
+    drive, stretch : (n,) arrays
+        Of the path.
+    marked : sequence of float
+        Where its special points are, but the last.
+    end : str
+        The kind of the last. Paths run off to any voltage along a stretch limit.
+    """
+    if end == "unbounded" and marked:
+        return 1.2 * float(max(marked))
+    if end != "stretch_limit":
+        return float(drive.max())
+    shown = stretch <= _NEARLY * stretch[-1]
+    return float(max([drive[shown].max() if shown.any() else drive[0], *(1.2 * value for value in marked)]))
 
 
 @dataclass(frozen=True, repr=False, eq=False)

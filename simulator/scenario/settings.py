@@ -9,15 +9,24 @@ from pydantic import Field, PlainSerializer
 from simulator.scenario.fields import ByName, Chosen, Float, Frozen, Int, Time
 from simulator.units import as_written
 
+CHORD = 2e-4
+"""How far a chord between two samples may be from the curve, over the range of each quantity."""
+
 
 class Output(Frozen):
-    """Samples wanted: `points` for each step, or for each cycle of a wave; or one `every` so much time; and
-    whether they are at the `rows` of a table instead.
+    """Samples wanted: `points` for each step, or for each cycle of a wave, and as many more as keep each
+    `chord` on the curve; or one `every` so much time; or those at the `rows` of a table.
     """
 
     points: Annotated[Int, Field(ge=2, description="a whole number >= 2")] = 101
     every: Annotated[Time | None, Field(description="a number > 0")] = None
     rows: Annotated[bool, Field(strict=True, description="true or false")] = False
+    chord: Annotated[Float, Field(ge=1e-5, le=1.0, description="a number from 1e-5 to 1")] = CHORD
+
+    @property
+    def on_grid(self) -> bool:
+        """Whether no samples are wanted but those of the grid, and corners."""
+        return self.every is not None or self.rows or self.chord == 1.0
 
 
 class Dynamics(Frozen):

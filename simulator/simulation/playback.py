@@ -14,6 +14,7 @@ from simulator.model.drive import Waveform, Way
 from simulator.model.groups import Group
 from simulator.simulation.atlas import Exit, by_time
 from simulator.simulation.books import Books
+from simulator.simulation.chords import Chords, closer
 from simulator.simulation.legs import SAME_INSTANT, PlayedLeg
 from simulator.simulation.recorder import Recorder
 from simulator.solver.branch import Branch
@@ -87,6 +88,8 @@ class Playback:
         What is known of the balloons' shapes.
     peaks : Peaks
         What is known of where something is largest or smallest.
+    chords : Chords, optional
+        What is known of how branches bend, where samples are to follow that.
     played : PlayedLeg
     start, lasts : float
         When the leg begins, and how long it takes.
@@ -98,11 +101,13 @@ class Playback:
         books: Books,
         shapes: ShapeWatch | None,
         peaks: Peaks,
+        chords: Chords | None,
         played: PlayedLeg,
         start: float,
         lasts: float,
     ) -> None:
-        self.record, self.books, self.shapes, self.played = record, books, shapes, played
+        self.record, self.books, self.shapes = record, books, shapes
+        self.chords, self.played = chords, played
         self.start, self.lasts = start, lasts
         self.groups = [response.group for response in played.responses]
         self.v = float(played.leg.waveform.values[0])
@@ -155,6 +160,7 @@ class Playback:
         """Samples at some fractions up to one, and changes of shape, all groups staying on their branches."""
         start = self.start
         self._between_samples(upto)
+        fractions = self._closer(fractions, upto)
         at = self._states(fractions) if fractions.size else None
         begin = 0
         for change in self._changes(upto):
@@ -167,6 +173,28 @@ class Playback:
                 return
         if at is not None and begin < fractions.size:
             self.record.samples(start + self.lasts * fractions[begin:], at.part(begin, fractions.size))
+
+    def _closer(self, fractions: FloatArray, upto: float) -> FloatArray:
+        """Some fractions, and those between at which samples are needed for chords to be on the curve."""
+        waveform, present, way = self.waveform, self.record.present, self.played.leg.way
+        marks = np.concatenate([[self.passed], fractions, [upto]])
+        v = waveform.at(marks)
+        chords, bends = self.chords, []
+        if chords is None or (v == v[0]).all():
+            return fractions
+        for group, branch in zip(self.groups, self.branches, strict=True):
+            if branch is not None and branch.states.shape[1] > 1:
+
+                def quantities(states: FloatArray, group: Group = group) -> FloatArray:
+                    return present.quantities(group, way, states)
+
+                bends.append(chords.bend(branch, v, quantities))
+        found = closer(marks, waveform, v, bends) if bends else np.empty(0)
+        if not found.size:
+            return fractions
+        place = np.searchsorted(marks, found)
+        apart = np.minimum(found - marks[place - 1], marks[np.minimum(place, marks.size - 1)] - found)
+        return np.sort(np.concatenate([fractions, found[apart > SAME_INSTANT]]))
 
     def _between_samples(self, upto: float) -> None:
         """Note where something is largest or smallest up to a fraction, all groups staying on branches."""

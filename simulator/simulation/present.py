@@ -155,6 +155,18 @@ class Present:
             pressure[:] = group.equations.pressure(y)
         return Samples(stretch, pressure, self.device.voltage(way, v, stretch))
 
+    def quantities(self, group: Group, way: Way, states: FloatArray) -> FloatArray:
+        """All that pictures show of the device where a group is in some states (n_unknowns, n).
+
+        Returns
+        -------
+        (n, n_quantities) array
+            Stretches, pressure, voltages, fields and charges.
+        """
+        at, device = self.with_groups([group], way, states[-1], [states]), self.device
+        fields, charges = device.field(at.stretch, at.voltage), device.charge(at.stretch, at.voltage)
+        return np.column_stack([*at, fields, charges])
+
     def at_instant(self, groups: Sequence[Group], way: Way, states: Sequence[FloatArray]) -> Snapshot:
         """As `with_groups`, for one state (n_unknowns,) of each group, all at the same v."""
         return self.with_groups(groups, way, states[0][-1:], [y[:, None] for y in states]).last

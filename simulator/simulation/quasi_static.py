@@ -14,6 +14,7 @@ from simulator.model.drive import Leg, VoltageLine, Way
 from simulator.model.groups import Group
 from simulator.simulation import motion
 from simulator.simulation.atlas import Atlas, Exit, jumps_slack
+from simulator.simulation.chords import Chords
 from simulator.simulation.legs import SAME_INSTANT, PlayedLeg, played_legs
 from simulator.simulation.peaks import Peaks
 from simulator.simulation.playback import Playback, record_exits
@@ -43,6 +44,7 @@ class QuasiStatic:
         self.atlas = Atlas(scenario.solver.rtol)
         self.shapes = shape_watch(scenario)
         self.peaks = Peaks()
+        self.chords = None if scenario.output.on_grid else Chords(scenario.output.chord)
 
     @property
     def effort(self) -> Effort:
@@ -177,7 +179,8 @@ class QuasiStatic:
             leg = played.leg
             within = leg.within(fractions)
             begins, takes = start + lasts * leg.start, lasts * (leg.end - leg.start)
-            playback = Playback(self.record, self.books, self.shapes, self.peaks, played, begins, takes)
+            seen = self.shapes, self.peaks, self.chords
+            playback = Playback(self.record, self.books, *seen, played, begins, takes)
             playback.play(within[within <= 1.0 + SAME_INSTANT])
             reached = played.early_end.reached if played.early_end else None
             if self.record.ended:

@@ -19,7 +19,7 @@ import numpy as np
 from simulator import __version__
 from simulator.events import EventKind, Outcome
 from simulator.results.shapes import shape_word
-from simulator.scenario import Inflate, ScenarioError, load_scenario
+from simulator.scenario import Inflate, Scenario, ScenarioError, load_scenario
 from simulator.scenario.mapping import with_values
 from simulator.simulation.run import SolverError, simulate
 from simulator.sweep.lockstep import chunk
@@ -212,14 +212,14 @@ def failure(message: str) -> dict[str, Any]:
 
 def _played(job: Job, mapping: Mapping[str, Any], row: dict[str, Any], expected: float | None) -> History:
     """The history of a scenario, its ramp cut short past the limit point where that is asked for."""
-    scenario = load_scenario(mapping)
+    scenario = _on_grid(mapping)
     past = job.past
     if past is None:
         return simulate(scenario)
     written = float(scenario.steps[past.step - 1].ramp)  # type: ignore[union-attr, arg-type]
     if expected is not None:
         with contextlib.suppress(SolverError, ScenarioError):
-            history = simulate(load_scenario(with_values(mapping, {past.key: expected})))
+            history = simulate(_on_grid(with_values(mapping, {past.key: expected})))
             if abs(_target(history, past, written) - expected) <= _SAME * abs(expected):
                 row[past.key] = expected
                 return history
@@ -233,7 +233,13 @@ def _played(job: Job, mapping: Mapping[str, Any], row: dict[str, Any], expected:
     row[past.key] = _target(whole, past, written)
     if not _turned(whole.mechanical, past.step):
         return whole
-    return simulate(load_scenario(with_values(mapping, {past.key: row[past.key]})))
+    return simulate(_on_grid(with_values(mapping, {past.key: row[past.key]})))
+
+
+def _on_grid(mapping: Mapping[str, Any]) -> Scenario:
+    """A scenario without samples for pictures: nothing in a row depends on samples."""
+    scenario = load_scenario(mapping)
+    return scenario.model_copy(update={"output": scenario.output.model_copy(update={"chord": 1.0})})
 
 
 def _target(history: History, past: Past, written: float) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from simulator.results.curve import farthest_shown
 from simulator.results.plot.axes import add_stretch_axis, shown_curves, shown_fold
 from simulator.results.plot.style import (
     COLOURS,
@@ -38,7 +39,6 @@ UNSTABLE: dict[str, Any] = {"linewidth": 1.0, "linestyle": (0, (4, 2))}
 # Stable but for its shape.
 NO_SPHERE: dict[str, Any] = {"linewidth": 1.8 * THINNER, "alpha": FAINT}
 
-_NEARLY = 0.95  # a path that runs off along its stretch limit is shown up to this part of it
 _MARKED = (
     "limit_point",
     "branch_point",
@@ -199,13 +199,8 @@ def _shown(curve: Curve) -> tuple[FloatArray, FloatArray]:
 def _farthest(curve: Curve) -> float:
     """The voltage or pressure up to which a path is worth showing."""
     x, y = _shown(curve)
-    marked = [p.voltage[0] if curve.electroded else p.pressure for p in curve.points[:-1]]
-    if curve.end.kind == "unbounded" and marked:
-        return 1.2 * float(max(marked))
-    if curve.end.kind != "stretch_limit":
-        return float(x.max())
-    shown = y <= _NEARLY * y[-1]
-    return float(max([x[shown].max() if shown.any() else x[0], *(1.2 * value for value in marked)]))
+    marked = [float(p.voltage[0]) if curve.electroded else p.pressure for p in curve.points[:-1]]
+    return farthest_shown(x, y, marked, curve.end.kind)
 
 
 def _legend(curves: Sequence[Curve]) -> list[Artist]:
