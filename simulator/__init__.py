@@ -23,10 +23,14 @@ if TYPE_CHECKING:
     from simulator.hysteresis.memory import MemoryLost, return_point_memory
     from simulator.hysteresis.states import states
     from simulator.hysteresis.unloading import unload, unload_map
+    from simulator.identification.estimation import fit
+    from simulator.identification.problem import FitProblem
+    from simulator.identification.reading import read_fit
     from simulator.live.notebook import Explorer, explore
     from simulator.results.curve import Curve, FoldCurve, SpecialPoint
     from simulator.results.extras import MissingExtra
     from simulator.results.files import OutputError
+    from simulator.results.fit import Estimate, Fit
     from simulator.results.history import EnergyBalance, Event, History, SolverStatistics, Stop, Verdict
     from simulator.results.loading import load_curve, load_curves, load_history
     from simulator.results.loops import Loop, Threshold
@@ -62,10 +66,13 @@ __all__ = [
     "Curve",
     "DisagreementError",
     "EnergyBalance",
+    "Estimate",
     "Event",
     "EventKind",
     "ExecutorError",
     "Explorer",
+    "Fit",
+    "FitProblem",
     "FoldCurve",
     "History",
     "Loop",
@@ -98,6 +105,7 @@ __all__ = [
     "all_sensitivities",
     "explain",
     "explore",
+    "fit",
     "fold",
     "load_curve",
     "load_curves",
@@ -108,6 +116,7 @@ __all__ = [
     "loops",
     "optimize",
     "plot_histories",
+    "read_fit",
     "read_question",
     "read_sweep",
     "return_point_memory",
@@ -132,11 +141,15 @@ _NAMES = {
     "hysteresis.memory": ("MemoryLost", "return_point_memory"),
     "hysteresis.states": ("states",),
     "hysteresis.unloading": ("unload", "unload_map"),
+    "identification.estimation": ("fit",),
+    "identification.problem": ("FitProblem",),
+    "identification.reading": ("read_fit",),
     "live.notebook": ("Explorer", "explore"),
     "results.curve": ("Curve", "FoldCurve", "SpecialPoint"),
     "results.loops": ("Loop", "Threshold"),
     "results.extras": ("MissingExtra",),
     "results.files": ("OutputError",),
+    "results.fit": ("Estimate", "Fit"),
     "results.history": ("EnergyBalance", "Event", "History", "SolverStatistics", "Stop", "Verdict"),
     "results.loading": ("load_curve", "load_curves", "load_history"),
     "results.plot.history": ("plot_histories",),

@@ -49,7 +49,7 @@ def test_every_requirement_has_a_lower_bound():
     for requirement in [*project["dependencies"], *(one for extra in extras.values() for one in extra)]:
         assert re.fullmatch(r"[a-z-]+>=[0-9.]+", requirement)
     # Tests need what every extra brings.
-    assert {*extras["sweep"], *extras["dask"], *extras["live"]} <= {*extras["dev"]}
+    assert {*extras["sweep"], *extras["dask"], *extras["live"], *extras["fit"]} <= {*extras["dev"]}
 
 
 def test_the_wheel_holds_the_package_and_nothing_of_the_tests(tmp_path):
@@ -106,6 +106,7 @@ def test_the_help_lists_the_verbs_of_a_users_work():
             "sweep",
             "map",
             "optimize",
+            "fit",
         ]
     )
 

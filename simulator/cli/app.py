@@ -13,7 +13,7 @@ from typing import Annotated
 
 import typer
 
-from simulator.cli import animate, check_table, history, hysteresis, live, materials, paths, sweep
+from simulator.cli import animate, check_table, fit, history, hysteresis, live, materials, paths, sweep
 
 app = typer.Typer(
     name="balloons",
@@ -59,3 +59,4 @@ app.command("check-table")(check_table.check_table)
 app.command()(sweep.sweep)
 app.command("map")(sweep.draw_map)
 app.command()(sweep.optimize)
+app.command()(fit.fit)

@@ -231,8 +231,8 @@ def unit_in_name(cell: str, key: str) -> str | None:
     return last if last in _UNITS_IN_NAMES[key] else None
 
 
-def numbers(file: Opened, columns: tuple[int, int]) -> FloatArray:
-    """Two columns of a recording, (2, n) in the order asked for, finite.
+def numbers(file: Opened, columns: tuple[int, ...]) -> FloatArray:
+    """Columns of a recording, (n_columns, n_rows) in the order asked for, finite.
 
     Raises
     ------
@@ -277,7 +277,7 @@ def numbers(file: Opened, columns: tuple[int, int]) -> FloatArray:
     return found
 
 
-def _blame(file: Opened, columns: tuple[int, int]) -> None:
+def _blame(file: Opened, columns: tuple[int, ...]) -> None:
     """Raise for the first row that cannot be read; pass where there is none."""
     count, layout = len(file.names), file.layout
     for row in file.rows():

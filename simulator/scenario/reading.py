@@ -65,6 +65,7 @@ def read_toml(file: str, kind: str) -> dict[str, Any]:
 
 # By which key a file shows its kind, and by which command that is played. An optimum has what a sweep has.
 _KINDS = {
+    "free": ("a fit", "fit"),
     "maximize": ("an optimum", "optimize"),
     "minimize": ("an optimum", "optimize"),
     "vary": ("a sweep", "sweep"),
@@ -82,7 +83,7 @@ def check_kind(file: str, content: Mapping[str, Any], kind: str) -> None:
         For the message.
     content : mapping
     kind : str
-        "a scenario", "a sweep" or "an optimum".
+        "a scenario", "a sweep", "an optimum" or "a fit".
     """
     for key, (found, command) in _KINDS.items():
         expected = found == kind or (found, kind) == ("a sweep", "an optimum")
