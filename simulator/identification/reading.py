@@ -137,7 +137,7 @@ def read_fit(source: FitLike) -> FitProblem:
     ----------
     source : path, mapping or FitProblem
         A TOML file, or its content as a mapping. The paths of the scenario and of the data are relative to
-        the folder of the file, for a mapping to the current directory; in a mapping, `scenario` may be a
+        the folder of the file, for a mapping to the current directory; in a mapping, the scenario may be a
         `Scenario`, or the mapping of one. A fit is returned as it is.
 
     Returns

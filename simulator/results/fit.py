@@ -32,7 +32,7 @@ class Estimate:
     unit : str
         "" for none.
     standard_error : float
-        NaN where the data do not say, see `Fit.undetermined`.
+        NaN where the data do not say; the fit then names what they leave open.
     low, high : float
         The interval of the confidence that was asked for, within the bounds of the fit.
     """
