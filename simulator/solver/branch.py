@@ -17,6 +17,7 @@ from simulator.model.equations import Equations
 from simulator.model.symmetry import symmetry
 from simulator.solver import newton
 from simulator.solver.certify import sharp
+from simulator.solver.corner import at_drive_between
 from simulator.solver.follow import follow
 from simulator.solver.ida import Effort
 from simulator.solver.segment import (
@@ -256,11 +257,11 @@ class Branch:
             The points and the states at the Gauss points between them, in order of rising v.
         """
         inner = newton.unit(self.equations, self.speeds.reshape(len(self.states), -1))
-        rows, between = len(self.states), self.states.shape[1] - 1
+        rows, last = len(self.states), self.states.shape[1] - 1
         parts = (self.states, self.dense), (self.tangents, inner.reshape(self.dense.shape))
         states, headings = (
             np.concatenate(
-                [np.concatenate([at[:, :-1, None], on], axis=2).reshape(rows, -1), at[:, between:]], axis=1
+                [np.concatenate([at[:, :-1, None], on], axis=2).reshape(rows, -1), at[:, last:]], axis=1
             )
             for at, on in parts
         )
@@ -280,9 +281,9 @@ class Branch:
         place = np.clip(np.searchsorted(nodes, v, side="right") - 1, 0, nodes.size - 2)
         # Points of the branch are taken as they are: at a fold, Newton at fixed v cannot do better.
         states = self.states[:, np.where(v >= nodes[place + 1], place + 1, place)]
-        between = (v > nodes[place]) & (v < nodes[place + 1])
-        if between.any():
-            states[:, between] = self._on_curve(place[between], v[between])
+        inside = (v > nodes[place]) & (v < nodes[place + 1])
+        if inside.any():
+            states[:, inside] = self._on_curve(place[inside], v[inside])
         return states
 
     def _on_curve(self, place: NDArray[np.int64], v: FloatArray) -> FloatArray:
@@ -292,7 +293,8 @@ class Branch:
         # The points of chords that short are on the curve to rounding; Newton's method would not find them.
         far = np.einsum("ij,ij->j", chords, chords) > STRAIGHT**2
         if far.any():
-            states[:, far] = newton.at_drive(self.equations, states[:, far])
+            ends = self.states[:, place[far]], self.states[:, place[far] + 1]
+            states[:, far] = at_drive_between(self.equations, states[:, far], *ends)
             self.check_between(place[far], states[:, far])
         return states
 
