@@ -169,7 +169,8 @@ def test_in_motion_equal_balloons_stay_alike_also_where_that_is_unstable(maxwell
         return simulate(load_scenario(document))
 
     together, alone = moved(3), moved(1)
-    assert [event.kind for event in together.events] == [EventKind.LIMIT_POINT]
+    # At once, with its branch, the film is stiff enough to hold them together.
+    assert [event.kind for event in together.events] == ([] if maxwell else [EventKind.LIMIT_POINT])
     assert np.all(together.stretch == together.stretch[:, :1])
     both, here, there = np.intersect1d(together.time, alone.time, return_indices=True)
     assert both.size > 290

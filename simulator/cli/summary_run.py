@@ -34,6 +34,7 @@ def print_events(history: History) -> None:
 def run_lines(history: History) -> Iterator[tuple[str, str]]:
     """The lines of a summary below its events, each with its label."""
     from simulator.cli.hints import hint_lines
+    from simulator.cli.summary_material import material_lines
     from simulator.cli.summary_shape import shape_lines  # loads what reads scenarios
     from simulator.cli.summary_units import bare_lines
 
@@ -48,6 +49,7 @@ def run_lines(history: History) -> Iterator[tuple[str, str]]:
     for verdict in history.verdicts:
         yield "film", _fate(verdict, scales)
     yield from (("shape", line) for line in shape_lines(history))
+    yield from (("material", line) for line in material_lines(history.scenario))
     yield from (("units", line) for line in bare_lines(history.scenario))
     yield from (("hint", line) for line in hint_lines(history))
     balance, statistics = history.energy_balance, history.statistics

@@ -60,18 +60,21 @@ def stability(equations: Equations) -> Condition:
     return singularity(equations, 0, 1.0)
 
 
-def stability_in_motion(equations: Equations) -> Callable[[State], Number]:
+def stability_in_motion(equations: Equations) -> Callable[..., Number]:
     """Smallest eigenvalue of the scaled Hessian S in a state in which the forces R do not vanish.
 
-    There ∂R/∂λ is not all of it: of R = D g/k, S has D g′/k = ∂R/∂λ − R D′/D on its diagonal.
+    There ∂R/∂λ is not all of it: of R = D g/k, S has D g′/k = ∂R/∂λ − R D′/D on its diagonal. A second
+    argument is what other parts of the balloons add to g′, (n_balloons).
     """
 
-    def margin(y: State) -> Number:
+    def margin(y: State, added: Sequence[float] = ()) -> Number:
         slopes, squares = equations.stiffness(y)
         diagonal = [
             slope - force * wall.elastomer.pole_form_slope(x)[1] / wall.elastomer.pole_form(x)[1]
             for slope, force, wall, x in zip(slopes, equations.residual(y), equations.walls, y, strict=False)
         ]
+        for i, (more, wall) in enumerate(zip(added, equations.walls, strict=False)):
+            diagonal[i] += wall.elastomer.pole_form(y[i])[1] / wall.modulus * more
         return equations.spectrum.eigenvalue(diagonal, squares, 0)
 
     return margin

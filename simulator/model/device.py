@@ -206,16 +206,20 @@ class Device:
         voltage: FloatArray,
         is_open: NDArray[np.bool_],
         charged: NDArray[np.bool_] | None = None,
+        added: FloatArray | None = None,
     ) -> FloatArray:
         """Smallest eigenvalue of the Hessian of Π in the stretches, (n,), over 4πR²Hμ; see `energy`.
 
         At given voltages, or where `charged` at given charges. With a liquid, of what changes no volume;
-        NaN where nothing can move (one balloon).
+        NaN where nothing can move (one balloon). `added` is what other parts of the balloons add to its
+        diagonal, (n, n_balloons).
         """
         diagonal = self._curvatures(stretch, pressure, voltage, "voltage")
         if charged is not None and charged.any():
             at_charge = self._curvatures(stretch, pressure, self.charge(stretch, voltage), "charge")
             diagonal = np.where(charged[:, None], at_charge, diagonal)
+        if added is not None:
+            diagonal = diagonal + added
         swelling = self.swelling(stretch)
         # Each state as if it were sealed there: its contents have the stiffness that they have in any case.
         contents = self.law.sealed(pressure, swelling)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
@@ -12,6 +13,7 @@ class EnergyBalance:
     `electrical_work` is ∫Σφ dq, `gas_work` is ∫p dV of the supply while the valve is open,
     `stored` the change of Π + Σφq, `dissipated` what the jumps lost. `imbalance` is what is left
     over, `exchanged` the work that went to and fro (``∫|·|``), against which it is to be judged.
+    `dissipated_in` says what each viscoelastic branch lost of that, by its balloon and number: "active_1".
     """
 
     electrical_work: float
@@ -20,6 +22,7 @@ class EnergyBalance:
     dissipated: float
     imbalance: float
     exchanged: float
+    dissipated_in: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def relative_imbalance(self) -> float:

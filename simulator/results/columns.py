@@ -47,12 +47,15 @@ COLUMNS: Mapping[str, Meaning] = MappingProxyType(
         "gas": Meaning("amount of gas, (p + pₑ)V; of a liquid its volume", "4πR²Hμ; 4πR³"),
         "field": Meaning("true electric field in the film of a balloon", "√(μ/ε)"),
         "charge": Meaning("charge on the electrodes of a balloon", "4πR²√(εμ)"),
-        "energy": Meaning("the potential Π", "4πR²Hμ"),
+        "energy": Meaning("the potential Π, that of viscoelastic branches included", "4πR²Hμ"),
         "stability": Meaning("smallest eigenvalue of the Hessian of Π; negative is unstable", "4πR²Hμ"),
         "stable": Meaning("whether no direction is unstable; a limit point belongs to the part before it"),
         "strength": Meaning("dielectric strength E_b of the film of a balloon", "√(μ/ε)"),
         "margin": Meaning("1 − |E|/E_b of a film with a strength; 0 is breakdown"),
         "sphericity": Meaning("how far a balloon is from turning into a pear, s of docs/shape.md", "μ"),
+        "inner": Meaning(
+            "stretch in which a viscoelastic branch is free of stress; `_thickness` across the film"
+        ),
         "spheres": Meaning("whether every balloon is a sphere, or would stay one"),
         "balloon": Meaning("which balloon a change of shape concerns"),
         "mode": Meaning("what it would turn into: pear, or shear"),
@@ -102,6 +105,7 @@ def history_columns(history: History) -> Columns:
         **_by_name("strength", history.rated, history.strength),
         **_by_name("margin", history.rated, history.margin),
         **(_by_name("sphericity", history.balloons, history.sphericity) if history.sphericity.size else {}),
+        **_by_name("inner", history.inner_of, history.inner),
     }
     return _with_si(columns, history)
 

@@ -111,6 +111,11 @@ class History:
         The strength E_b of each film, and ``1 − |E|/E_b``, how far it is from breakdown.
     sphericity : (n_samples, n_balloons) array
         How far each balloon is from turning into a pear, over μ; empty with `[shape] on_loss = "ignore"`.
+    inner_of : tuple of str
+        The viscoelastic branches, `<balloon>_<number>` and `<balloon>_<number>_thickness`, in the order of
+        the columns below.
+    inner : (n_samples, n_inner) array
+        The stretches in which each branch is free of stress, in the film's plane and across it.
     extremes : Extremes
         The largest and smallest stretches and fields, between samples too.
     closest : tuple of Closest
@@ -143,6 +148,8 @@ class History:
     strength: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
     margin: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
     sphericity: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
+    inner_of: tuple[str, ...] = ()
+    inner: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
     cycle: IntArray = dataclasses.field(default_factory=lambda: np.empty(0, dtype=np.int64))
     extremes: Extremes = dataclasses.field(
         default_factory=lambda: Extremes.of(np.empty((0, 0)), np.empty((0, 0)))

@@ -28,6 +28,7 @@ _BY_NAME = {
     "strength": "rated",
     "margin": "rated",
     "sphericity": "balloons",
+    "inner": "inner_of",
 }
 
 
@@ -72,7 +73,7 @@ def load_history(directory: str | os.PathLike[str]) -> History:
         hints = hints_of(History)
         rest = {name: decoded(hints[name], value) for name, value in kept.items()}
         columns = _columns(folder / "history.csv")
-        names["rated"] = rest["rated"]
+        names["rated"], names["inner_of"] = rest["rated"], rest.get("inner_of", ())
         arrays = {
             field.name: _array(field.name, names, columns)
             for field in dataclasses.fields(History)
@@ -177,6 +178,8 @@ def _array(name: str, names: dict[str, tuple[str, ...]], columns: dict[str, NDAr
         return columns[name]
     balloons = names[_BY_NAME[name]]
     if name == "sphericity" and not all(f"{name}_{balloon}" in columns for balloon in balloons):
+        return np.empty((0, 0))
+    if name == "inner" and not balloons:
         return np.empty((0, 0))
     size = columns["time"].size
     found = [np.asarray(columns[f"{name}_{balloon}"], dtype=np.float64) for balloon in balloons]

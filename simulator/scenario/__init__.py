@@ -12,6 +12,7 @@ from simulator.scenario.device import (
     ConstantBreakdown,
     Gas,
     Maxwell,
+    MaxwellPreset,
     PowerBreakdown,
 )
 from simulator.scenario.dimensions import dimension_of, dimensionless
@@ -79,6 +80,7 @@ __all__ = [
     "Inflate",
     "Jump",
     "Maxwell",
+    "MaxwellPreset",
     "MooneyRivlin",
     "NeoHookean",
     "Ogden",

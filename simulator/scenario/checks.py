@@ -103,7 +103,7 @@ def _of_balloons(scenario: Parts, names: Sequence[str]) -> Iterator[Problem]:
             yield Problem(key, _plain(balloon.breakdown), "needs electrodes = true on this balloon")
         if balloon.maxwell and scenario.dynamics is None:
             key = f"balloon.{balloon.name}.maxwell"
-            yield Problem(key, balloon.maxwell.model_dump(), "needs [dynamics] with a relaxation_time")
+            yield Problem(key, _plain(balloon.maxwell), "needs [dynamics] with a relaxation_time")
 
 
 def _of_dynamics(scenario: Parts, names: Sequence[str]) -> Iterator[Problem]:
@@ -150,6 +150,8 @@ def _of_drive(
 
 def _plain(value: object) -> object:
     """A value as it was written."""
+    if isinstance(value, tuple):
+        return [_plain(item) for item in value]
     return value.model_dump(exclude_unset=True) if isinstance(value, BaseModel) else value
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationInfo
+from pydantic import AfterValidator, Field, TypeAdapter, ValidationInfo
 
 from simulator.scenario.elastomer import Elastomer
 from simulator.scenario.fields import (
@@ -20,8 +21,10 @@ from simulator.scenario.fields import (
     Thickness,
     Time,
     Volume,
+    not_empty,
     refused,
 )
+from simulator.scenario.presets import PRESETS
 
 
 class Gas(Frozen):
@@ -78,10 +81,46 @@ Breakdown = Annotated[
 
 
 class Maxwell(Frozen):
-    """A spring (`modulus`) in series with a dashpot, beside the elastomer: relaxes in the time `time`."""
+    """A spring (`modulus`) in series with a dashpot, beside the elastomer: relaxes in the time `time`.
+
+    `flow` is how: "linear" or "newtonian", see `simulator.model.viscoelastic`; None is the one that a single
+    branch, "newtonian", or a list of them, "linear", has by itself.
+    """
 
     modulus: Modulus
     time: Time
+    flow: Annotated[Literal["linear", "newtonian"] | None, Field(description='"linear" or "newtonian"')] = (
+        None
+    )
+
+
+class MaxwellPreset(Frozen):
+    """The branches of a material by its name, in proportion to the modulus of the balloon; times in s."""
+
+    preset: str = Field(description="the name of a preset with branches")
+
+
+_A_BRANCH = "a table such as { modulus = 0.5, time = 10 }, a list of such tables, or a preset"
+_BRANCHES: TypeAdapter[tuple[Maxwell, ...]] = TypeAdapter(
+    Annotated[tuple[Maxwell, ...], AfterValidator(not_empty)]
+)
+
+
+def _maxwell(value: Any, info: ValidationInfo) -> Maxwell | tuple[Maxwell, ...] | MaxwellPreset | None:
+    match value:
+        case None | Maxwell() | MaxwellPreset():
+            return value
+        case {"preset": preset}:
+            known = [name for name, material in PRESETS.items() if material.branches]
+            if preset not in known:
+                allowed = " or ".join(f'"{name}"' for name in known)
+                raise refused(f"must be {allowed}", preset, "preset")
+            return MaxwellPreset.model_validate(value, context=info.context)
+        case list() | tuple():
+            return _BRANCHES.validate_python(tuple(value), context=info.context)
+        case Mapping():
+            return Maxwell.model_validate(value, context=info.context)
+    raise refused(f"must be {_A_BRANCH}", value)
 
 
 class Balloon(Frozen):
@@ -102,7 +141,28 @@ class Balloon(Frozen):
     permittivity: Permittivity = 1.0
     electrodes: Annotated[bool, Field(strict=True, description="true or false")] = False
     breakdown: Breakdown = None
-    maxwell: Annotated[Maxwell | None, Field(description="a table such as { modulus = 0.5, time = 10 }")] = (
-        None
-    )
+    maxwell: Annotated[
+        Maxwell | tuple[Maxwell, ...] | MaxwellPreset | None,
+        Chosen(_maxwell),
+        Field(description=_A_BRANCH),
+    ] = None
     elastomer: Elastomer
+
+    @property
+    def branches(self) -> tuple[Maxwell, ...]:
+        """All viscoelastic branches, with the flow that each has."""
+        match self.maxwell:
+            case None:
+                return ()
+            case Maxwell() as one:
+                return (one.model_copy(update={"flow": one.flow or "newtonian"}),)
+            case MaxwellPreset(preset=name):
+                material = PRESETS[name]
+                assert material.shear_modulus is not None
+                unit = self.modulus / material.shear_modulus
+                return tuple(
+                    Maxwell(modulus=unit * branch.shear_modulus, time=branch.time, flow="linear")
+                    for branch in material.branches
+                )
+            case several:
+                return tuple(one.model_copy(update={"flow": one.flow or "linear"}) for one in several)

@@ -5,7 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
+
+
+class ViscousBranch(NamedTuple):
+    """A viscoelastic branch of a material: its shear modulus in Pa, and the time in s in which it relaxes."""
+
+    shear_modulus: float
+    time: float
 
 
 @dataclass(frozen=True)
@@ -26,6 +33,8 @@ class Material:
         Small-strain shear modulus in Pa, None where the source gives none.
     permittivity : float or None
         Permittivity over that of the vacuum, None where the source gives none.
+    branches : tuple of ViscousBranch
+        What the source gives of how it relaxes; their flow is the linear one.
     """
 
     elastomer: Mapping[str, Any]
@@ -34,6 +43,14 @@ class Material:
     fitted_to: str
     shear_modulus: float | None = None
     permittivity: float | None = None
+    branches: tuple[ViscousBranch, ...] = ()
+
+    @property
+    def at_once(self) -> float:
+        """How many times as stiff as relaxed it is at once; 1 where it has no branches."""
+        if not self.branches or self.shear_modulus is None:
+            return 1.0
+        return 1.0 + sum(branch.shear_modulus for branch in self.branches) / self.shear_modulus
 
 
 PRESETS: Mapping[str, Material] = MappingProxyType(
@@ -47,6 +64,11 @@ PRESETS: Mapping[str, Material] = MappingProxyType(
             # nkT λ_L β₀/3 with the source's nkT = 15.36 kPa.
             shear_modulus=1.5624e4,
             permittivity=4.8,
+            branches=(
+                ViscousBranch(2.606e4, 0.607),
+                ViscousBranch(2.653e4, 6.56),
+                ViscousBranch(1.083e4, 61.25),
+            ),
         ),
         "Sylgard-186": Material(
             elastomer={"model": "gent", "J_lim": 30.04},

@@ -28,6 +28,8 @@ class Books:
         The balloons with electrodes.
     works : (n_electroded,) array
         ∫φ dq of the source of each; their sum is `electrical_work`.
+    dissipated_in : dict of str to float
+        What of `dissipated` was lost in which viscoelastic branch.
     """
 
     electroded: tuple[int, ...] = ()
@@ -36,6 +38,7 @@ class Books:
     gas_work: float = 0.0
     stored: float = 0.0
     dissipated: float = 0.0
+    dissipated_in: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Nothing has been done yet."""
@@ -146,4 +149,5 @@ class Books:
             self.dissipated,
             self.electrical_work + self.gas_work - self.stored - self.dissipated,
             float(max(electrical + supplied, booked)),
+            dict(self.dissipated_in),
         )

@@ -15,7 +15,8 @@ from simulator.events import EventKind
 from simulator.model.groups import Group
 from simulator.solver.flow import FlowError
 from simulator.solver.ida import Effort
-from simulator.solver.viscous import Flow, Material
+from simulator.solver.passage import Material
+from simulator.solver.viscous import Flow
 
 FloatArray = NDArray[np.float64]
 
@@ -44,7 +45,7 @@ def first_end(
         If nothing ends it.
     """
     count = stretch.size
-    flow = Flow(groups, Material((1.0,) * count, (None,) * count))
+    flow = Flow(groups, Material.alike(count))
     for group in groups:
         state = flow.state(group, stretch.tolist(), v)
         for condition in group.conditions[1:]:

@@ -23,7 +23,14 @@ if TYPE_CHECKING:
 
     from simulator.model.drive import Leg, Way
     from simulator.model.groups import Group
-    from simulator.scenario import ConstantBreakdown, PlayedStep, PowerBreakdown, Scenario, ScenarioLike
+    from simulator.scenario import (
+        ConstantBreakdown,
+        Maxwell,
+        PlayedStep,
+        PowerBreakdown,
+        Scenario,
+        ScenarioLike,
+    )
     from simulator.units import Scales
 
 _MOST_STEPS = 24
@@ -242,14 +249,31 @@ def _equations(group: Group, device: Device, scenario: Scenario) -> Iterator[str
         if scenario.dynamics is None:
             yield f"force balance of {name}: {terms} = 0{wave}"
             continue
-        maxwell = scenario.balloons[place].maxwell
-        if maxwell is not None:
-            terms += f" + ({maxwell.modulus:g}/ξ) f_v(λ/ξ)"
+        branches = [
+            _branch(branch, f"{number}" if len(scenario.balloons[place].branches) > 1 else "")
+            for number, branch in enumerate(scenario.balloons[place].branches, start=1)
+        ]
+        terms += "".join(f" + {share}" for share, _ in branches)
         yield f"flow of {name}: {scenario.dynamics.relaxation_of(name):g} dλ/dt = −[{terms}]{wave}"
-        if maxwell is not None:
-            yield f"Maxwell branch of {name}: dξ/dt = λ f_v(λ/ξ) / {12.0 * maxwell.time:g}"
+        for _, moves in branches:
+            yield f"Maxwell branch of {name}: {moves}"
     if equations.has_pressure:
         yield device.law.formula()
+
+
+def _branch(branch: Maxwell, number: str) -> tuple[str, str]:
+    """The share of a viscoelastic branch in a force balance, and how its inner strains move."""
+    if branch.flow == "newtonian":
+        inner = f"ξ{number}"
+        return (
+            f"({branch.modulus:g}/{inner}) f_v(λ/{inner})",
+            f"d{inner}/dt = λ f_v(λ/{inner}) / {12.0 * branch.time:g}",
+        )
+    a, b = f"a{number}", f"b{number}"
+    return (
+        f"{2.0 * branch.modulus:g}({a} λ − {b} λ⁻⁵)",
+        f"d{a}/dt = (λ⁻² − {a}) / {branch.time:g}, d{b}/dt = (λ⁴ − {b}) / {branch.time:g}",
+    )
 
 
 def _factor(value: float) -> str:

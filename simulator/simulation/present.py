@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -18,30 +18,41 @@ from simulator.solver.segment import ULPS
 
 FloatArray = NDArray[np.float64]
 
+_NOTHING = np.empty(0)
+
 
 class Snapshot(NamedTuple):
-    """A state of the whole device: stretches (n_balloons,), pressure, and voltages (n_electroded,)."""
+    """A state of the whole device: stretches (n_balloons,), pressure, and voltages (n_electroded,).
+
+    In real time also what else moves in the balloons, (n_own,).
+    """
 
     stretch: FloatArray
     pressure: float
     voltage: FloatArray
+    own: FloatArray = _NOTHING
 
 
 class Samples(NamedTuple):
-    """n states: stretches (n, n_balloons), pressures (n,), and voltages (n, n_electroded)."""
+    """n states: stretches (n, n_balloons), pressures (n,), and voltages (n, n_electroded).
+
+    In real time also what else moves in the balloons, (n, n_own).
+    """
 
     stretch: FloatArray
     pressure: FloatArray
     voltage: FloatArray
+    own: FloatArray = _NOTHING
 
     def part(self, begin: int, end: int) -> Samples:
         """Some of them."""
-        return Samples(self.stretch[begin:end], self.pressure[begin:end], self.voltage[begin:end])
+        return Samples(*(values[begin:end] for values in self))
 
     @property
     def last(self) -> Snapshot:
         """The last of them."""
-        return Snapshot(self.stretch[-1], float(self.pressure[-1]), self.voltage[-1])
+        own = self.own[-1] if self.own.size else _NOTHING
+        return Snapshot(self.stretch[-1], float(self.pressure[-1]), self.voltage[-1], own)
 
 
 @dataclass
@@ -68,6 +79,8 @@ class Present:
         Number of the step, from 1.
     largest_voltage : float
         That there has been so far: what rounding leaves of voltages is in proportion to it.
+    own : (n_own,) array
+        What else moves in the balloons in real time: inner strains.
     """
 
     device: Device
@@ -82,6 +95,7 @@ class Present:
     time: float
     step: int
     largest_voltage: float = 0.0
+    own: FloatArray = field(default_factory=lambda: _NOTHING)
 
     @classmethod
     def unstretched(cls, device: Device) -> Present:
@@ -93,7 +107,7 @@ class Present:
     @property
     def snapshot(self) -> Snapshot:
         """The state that it is in."""
-        return Snapshot(self.stretch, self.pressure, self.voltage)
+        return Snapshot(self.stretch, self.pressure, self.voltage, self.own)
 
     @property
     def contents(self) -> Contents | None:
@@ -131,7 +145,7 @@ class Present:
 
     def take(self, state: Snapshot) -> None:
         """Be in another state."""
-        self.stretch, self.pressure, self.voltage = state
+        self.stretch, self.pressure, self.voltage, self.own = state
         self.largest_voltage = max(self.largest_voltage, float(np.abs(self.voltage).max(initial=0.0)))
 
     def with_groups(
@@ -165,7 +179,7 @@ class Present:
         """
         at, device = self.with_groups([group], way, states[-1], [states]), self.device
         fields, charges = device.field(at.stretch, at.voltage), device.charge(at.stretch, at.voltage)
-        return np.column_stack([*at, fields, charges])
+        return np.column_stack([at.stretch, at.pressure, at.voltage, fields, charges])
 
     def at_instant(self, groups: Sequence[Group], way: Way, states: Sequence[FloatArray]) -> Snapshot:
         """As `with_groups`, for one state (n_unknowns,) of each group, all at the same v."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,7 @@ from simulator.events import SHAPE_EVENTS, EventKind
 from simulator.model.conditions import stability_in_motion
 from simulator.model.drive import Leg, VoltageLine, Waveform, Way
 from simulator.model.groups import Group
+from simulator.model.viscoelastic import AnyBranch, LinearBranch, NewtonianBranch
 from simulator.simulation import motion
 from simulator.simulation.atlas import is_empty, loses_tension
 from simulator.simulation.legs import SAME_INSTANT
@@ -21,11 +22,14 @@ from simulator.simulation.present import Samples, Snapshot
 from simulator.simulation.sampling import sample_fractions
 from simulator.simulation.shape import ShapeChange, ShapeWatch
 from simulator.solver.ida import Effort
-from simulator.solver.viscous import Flow, Material, MaxwellBranch, Passage
+from simulator.solver.margins import added_to_shape
+from simulator.solver.passage import Friction, Material, Passage
+from simulator.solver.viscous import Flow
 
 if TYPE_CHECKING:
+    from simulator.model.conditions import ShapeCondition
     from simulator.model.contents import Contents
-    from simulator.scenario import PlayedStep, Scenario
+    from simulator.scenario import Balloon, PlayedStep, Scenario
     from simulator.simulation.books import Books
     from simulator.simulation.recorder import Recorder
     from simulator.simulation.until import Watch
@@ -51,8 +55,8 @@ class RealTime:
         self.shapes = None if scenario.shape.on_loss == "ignore" else ShapeWatch()
         self.material = material_of(scenario)
         self.no_pressure = _SLACK * scenario.gas.ambient_pressure
-        # Inner stretches of the Maxwell branches: stress free, as the stretches.
-        self.inner: FloatArray = np.ones(len(self.material.creeping))
+        record.present.own = self.material.at_rest()
+        record.material = self.material if self.material.slots else None
         # What held the balloons until now: before the first step nothing, as with the valve open.
         self.held_by: Contents | None = None
 
@@ -84,8 +88,12 @@ class RealTime:
     def _stable(self, way: Way, contents: Contents | None) -> bool:
         """Whether the present stretches would be stable under voltages that stand still."""
         present = self.record.present
+        added = self.material.stiffening(present.stretch.tolist(), present.own.tolist())
         return all(
-            stability_in_motion(group.equations)(present.unknowns(group, 0.0).tolist()) >= 0.0
+            stability_in_motion(group.equations)(
+                present.unknowns(group, 0.0).tolist(), [added[i] for i in group.members]
+            )
+            >= 0.0
             for group in motion.all_balloons(present.device, way, present.pressure, contents)
         )
 
@@ -122,14 +130,14 @@ class RealTime:
             marks = np.concatenate([[begin], within[~at_end], [end]])
             # Each part in its own time: an edge of a nanosecond is as long as its own steps.
             times = (marks - begin) * lasts
-            before, inner_before = present.stretch, self.inner
-            passage = flow.run(drive, before, self.inner, times, self.effort)
+            before, own_before = present.stretch, present.own
+            passage = flow.run(drive, before, own_before, times, self.effort)
             wanted = np.full(times.size, True)
             wanted[0], wanted[-1] = False, bool(at_end.any())  # the first is here already
             states = PassageStates(passage, flow, leg.way, drive)
             self._record(states, times, start + marks * lasts, wanted)
             turns = lasts * (self._turns(leg, begin, end) - begin)
-            self._book(states, before, inner_before, turns.tolist(), start + lasts * begin)
+            self._book(states, before, own_before, turns.tolist(), start + lasts * begin)
             if passage.ended:
                 return
             unseen = self._beyond(groups, drive(times[-1])[0])
@@ -146,7 +154,7 @@ class RealTime:
         empty = [g for g in flow.groups if is_empty(g.equations, present.unknowns(g, v))]
         if not empty:
             return False
-        swelling, fastest = flow.swelling(present.stretch, self.inner, v)
+        swelling, fastest = flow.swelling(present.stretch, present.own, v)
         if fastest * lasts > _AT_REST:
             return swelling > 0.0
         return any(loses_tension(g.equations, present.unknowns(g, v), ahead) for g in empty)
@@ -161,10 +169,17 @@ class RealTime:
             self.record.event(kind, self.record.present.snapshot)
             return True
         for group in groups if self.shapes is not None else ():
-            state = self.record.present.unknowns(group, v)
-            for change in self.shapes.in_state(group, state) if self.shapes is not None else ():
-                self._shape(change, self.record.present.snapshot)
+            present = self.record.present
+            state, added = present.unknowns(group, v), self._added_to_shapes(group)
+            for change in self.shapes.in_state(group, state, added) if self.shapes is not None else ():
+                self._shape(change, present.snapshot)
         return self.record.ended
+
+    def _added_to_shapes(self, group: Group) -> Callable[[ShapeCondition], float]:
+        """What parts of the balloons add to the margins of their shapes in the present state."""
+        present, material = self.record.present, self.material
+        stretch, own = present.stretch.tolist(), present.own.tolist()
+        return lambda one: added_to_shape(material, group, one, stretch, own)
 
     def _shape(self, change: ShapeChange, here: Snapshot) -> None:
         """Record a change of a balloon's shape, if it is one."""
@@ -198,7 +213,7 @@ class RealTime:
             self._samples(states, [k for k in range(read, upto) if wanted[place[k]]], clock[place])
             read = max(read, upto)
             present.time = float(clock[0] + passed.time)
-            here = states.of(passed.stretch[None], [passed.time]).last
+            here = states.of(passed.stretch[None], passed.own[None], [passed.time]).last
             if passed.kind in SHAPE_EVENTS:
                 self._shape(ShapeChange(EventKind(passed.kind), passed.balloon, passed.mode), here)
             elif passed.kind == EventKind.LIMIT_POINT:
@@ -210,12 +225,12 @@ class RealTime:
             rows = [k for k in range(read, passage.time.size) if wanted[place[k]]]
             self._samples(states, rows, clock[place])
             present.time = float(clock[-1])
-            present.take(states.of(passage.stretch[-1:], passage.time[-1:]).last)
+            present.take(states.of(passage.stretch[-1:], passage.own[-1:], passage.time[-1:]).last)
 
     def _samples(self, states: PassageStates, rows: Sequence[int], clock: FloatArray) -> None:
         if rows:
             passage = states.passage
-            found = states.of(passage.stretch[rows], passage.time[rows])
+            found = states.of(passage.stretch[rows], passage.own[rows], passage.time[rows])
             self.record.samples(clock[rows], found)
 
     def _turns(self, leg: Leg, begin: float, end: float) -> FloatArray:
@@ -227,7 +242,7 @@ class RealTime:
         self,
         states: PassageStates,
         before: FloatArray,
-        inner: FloatArray,
+        own: FloatArray,
         marks: Sequence[float],
         clock: float,
     ) -> None:
@@ -236,8 +251,8 @@ class RealTime:
         Parameters
         ----------
         states : PassageStates
-        before, inner : arrays
-            Stretches and inner stretches where it began.
+        before, own : arrays
+            Stretches and own unknowns of the parts where it began.
         marks : sequence of float
             Times of the passage at which cycles end and others begin.
         clock : float
@@ -246,12 +261,13 @@ class RealTime:
         flow, passage, cycles = states.flow, states.passage, self.record.cycles
         ended = passage.passed[-1].time if passage.ended else float(passage.time[-1])
         places = [int(np.argmin(np.abs(passage.time - mark))) for mark in marks if mark <= ended]
-        time, work, lost = passage.time[0], 0.0, 0.0
+        time, work, since = passage.time[0], 0.0, 0
         for number, place in enumerate([*places, passage.time.size - 1]):
-            stretch, onward = passage.stretch[place], passage.inner[place]
-            springs = flow.spring_energy(before, inner)
-            self.books.stored += flow.spring_energy(stretch, onward) - springs
-            self.books.dissipated += float(passage.dissipated[place]) - lost
+            stretch, onward = passage.stretch[place], passage.own[place]
+            self._book_parts(passage, since, place)
+            stored = self.material.stored(before.tolist(), own.tolist())
+            self.books.stored += float(self.material.stored(stretch.tolist(), onward.tolist()) - stored)
+            self.books.dissipated += float(passage.friction[place] - passage.friction[since])
             done = float(passage.work[place]) - work
             until = passage.time[place]
             for group in flow.groups:
@@ -261,9 +277,17 @@ class RealTime:
                 done = 0.0  # that of all groups together, booked once
             if number < len(places):
                 cycles.turns(clock + marks[number], self.books)
-            before, inner, time = stretch, onward, until
-            work, lost = float(passage.work[place]), float(passage.dissipated[place])
-        self.inner = passage.inner[-1]
+            before, own, time, since = stretch, onward, until, place
+            work = float(passage.work[place])
+
+    def _book_parts(self, passage: Passage, first: int, last: int) -> None:
+        """What the parts have dissipated between two of the times of a passage."""
+        names = self.record.present.device.names
+        for slot in self.material.slots:
+            lost = float(np.sum(passage.books[last, slot.books] - passage.books[first, slot.books]))
+            name = f"{names[slot.balloon]}_{slot.number + 1}"
+            self.books.dissipated += lost
+            self.books.dissipated_in[name] = self.books.dissipated_in.get(name, 0.0) + lost
 
     def _share(self, work: float) -> float:
         """The work of the only source; of several only the sum is known."""
@@ -279,15 +303,15 @@ class PassageStates:
     way: Way
     drive: Drive
 
-    def of(self, stretch: FloatArray, times: Sequence[float] | FloatArray) -> Samples:
-        """The states that go with stretches (n, n_balloons) at n times of the passage."""
+    def of(self, stretch: FloatArray, own: FloatArray, times: Sequence[float] | FloatArray) -> Samples:
+        """The states of stretches (n, n_balloons) and own unknowns (n, n_own) at n times of the passage."""
         v = np.array([self.drive(float(t))[0] for t in times])
         group = self.flow.groups[0]
         pressure = [
             float(group.equations.pressure(self.flow.state(group, x.tolist(), at)))
             for x, at in zip(stretch, v.tolist(), strict=True)
         ]
-        return Samples(stretch, np.array(pressure), self.way.at(v))
+        return Samples(stretch, np.array(pressure), self.way.at(v), own)
 
 
 def material_of(scenario: Scenario) -> Material:
@@ -295,12 +319,17 @@ def material_of(scenario: Scenario) -> Material:
     dynamics = scenario.dynamics
     assert dynamics is not None
     return Material(
-        tuple(dynamics.relaxation_of(balloon.name) for balloon in scenario.balloons),
-        tuple(
-            None if balloon.maxwell is None else MaxwellBranch(balloon.maxwell.modulus, balloon.maxwell.time)
-            for balloon in scenario.balloons
-        ),
+        tuple(Friction(dynamics.relaxation_of(balloon.name)) for balloon in scenario.balloons),
+        tuple(tuple(_branches(balloon)) for balloon in scenario.balloons),
     )
+
+
+def _branches(balloon: Balloon) -> Iterator[AnyBranch]:
+    """The viscoelastic branches of a balloon."""
+    weight = balloon.radius**2 * balloon.thickness
+    for branch in balloon.branches:
+        kind = LinearBranch if branch.flow == "linear" else NewtonianBranch
+        yield kind(branch.modulus, branch.time, weight)
 
 
 def smooth_parts(waveform: Waveform, lasts: float) -> list[tuple[float, float, Drive]]:

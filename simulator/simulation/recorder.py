@@ -12,6 +12,7 @@ from simulator.events import OUTCOMES, EventKind, Outcome
 from simulator.results.cycles import Closest, Extremes
 from simulator.results.history import Event, History, SolverStatistics, Stop
 from simulator.simulation.cycles import Cycles, cycles_of
+from simulator.simulation.parts_seen import PartsSeen
 from simulator.simulation.present import Present, Samples, Snapshot
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from simulator.simulation.books import Books
     from simulator.simulation.shape import ShapeChange
     from simulator.solver.ida import Effort
+    from simulator.solver.passage import Material
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -39,6 +41,7 @@ class Rows:
     gas: list[FloatArray] = field(default_factory=list)
     is_open: list[NDArray[np.bool_]] = field(default_factory=list)
     charged: list[NDArray[np.bool_]] = field(default_factory=list)
+    own: list[FloatArray] = field(default_factory=list)
 
 
 @dataclass
@@ -95,6 +98,7 @@ class Recorder:
     stops: list[Stop] = field(default_factory=list)
     jumps: int = 0  # events that the device went on from
     stops_at_shape: bool = False  # whether the history ends where a balloon stops being a sphere
+    material: Material | None = None  # of balloons that have parts besides their walls
 
     @property
     def outcome(self) -> Outcome:
@@ -124,6 +128,8 @@ class Recorder:
         rows.gas.append(gas if present.valve_open else np.full(count, present.amount))
         rows.is_open.append(np.full(count, present.valve_open))
         rows.charged.append(np.full(count, present.given == "charge"))
+        if self.material is not None:
+            rows.own.append(states.own)
         present.take(states.last)
 
     def between_samples(self, times: FloatArray, states: Samples) -> None:
@@ -143,7 +149,7 @@ class Recorder:
     def sample_now(self) -> None:
         """Add a sample of the present state."""
         now = self.present
-        states = Samples(now.stretch[None], np.array([now.pressure]), now.voltage[None])
+        states = Samples(now.stretch[None], np.array([now.pressure]), now.voltage[None], now.own[None])
         self.samples(np.array([now.time]), states)
 
     def event(
@@ -248,6 +254,15 @@ class Recorder:
         time, step, cycle = np.concatenate(rows.time), np.concatenate(rows.step), np.concatenate(rows.cycle)
         whole = self._whole_way(time, step, cycle, stretch, true_field)
         laps = self.cycles.cut(float(time[-1]), books)
+        energy = device.energy(stretch, pressure, voltage, gas, is_open, charged)
+        sphericity = (
+            np.empty((0, 0)) if scenario.shape.on_loss == "ignore" else device.sphericity(stretch, voltage)
+        )
+        parts = PartsSeen()
+        if self.material:
+            parts = PartsSeen.of(self.material, device, stretch, np.concatenate(rows.own))
+            energy = energy + parts.energy
+            sphericity = sphericity + parts.roundness if sphericity.size else sphericity
         return History(
             scenario=scenario,
             balloons=device.names,
@@ -263,8 +278,8 @@ class Recorder:
             gas=gas,
             field=true_field,
             charge=charge,
-            energy=device.energy(stretch, pressure, voltage, gas, is_open, charged),
-            stability=device.stability(stretch, pressure, voltage, is_open, charged),
+            energy=energy,
+            stability=device.stability(stretch, pressure, voltage, is_open, charged, parts.stiffening),
             events=tuple(self.events),
             outcome=outcome,
             energy_balance=books.balance(voltage, charge, pressure, volume, is_open),
@@ -273,9 +288,9 @@ class Recorder:
             rated=tuple(scenario.electroded[place] for place in device.rated),
             strength=strength,
             margin=1.0 - np.abs(true_field[:, list(device.rated)]) / strength,
-            sphericity=np.empty((0, 0))
-            if scenario.shape.on_loss == "ignore"
-            else device.sphericity(stretch, voltage),
+            sphericity=sphericity,
+            inner_of=tuple(parts.columns),
+            inner=np.column_stack(list(parts.columns.values())) if parts.columns else np.empty((0, 0)),
             extremes=Extremes.of(whole.stretch, whole.field),
             closest=whole.closest(device),
             cycles=tuple(

@@ -11,7 +11,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -178,17 +178,21 @@ class ShapeWatch:
                     return replace(change, fraction=until, place=place), number + 1
         return None
 
-    def in_state(self, group: Group, state: FloatArray) -> Iterator[ShapeChange]:
+    def in_state(
+        self, group: Group, state: FloatArray, added: Callable[[ShapeCondition], float] = lambda one: 0.0
+    ) -> Iterator[ShapeChange]:
         """What the shapes of a group's balloons are in a state, where they were something else before.
 
-        A balloon that nothing can take its shape, without a voltage, is a sphere.
+        A balloon that nothing can take its shape, without a voltage, is a sphere. `added` is what other parts
+        of the balloons add to a margin.
         """
         kept = {(group.members[one.place], one.mode) for one in self.conditions(group)}
         for balloon, mode in sorted(self.lost - kept):
             if balloon in group.members:
                 yield ShapeChange(EventKind.SPHERICITY_REGAINED, balloon, mode)
         for one in self.conditions(group):
-            balloon, margin = group.members[one.place], float(one.condition.margin(state.tolist()))
+            balloon = group.members[one.place]
+            margin = float(one.condition.margin(state.tolist())) + added(one)
             if (balloon, one.mode) in self.lost:
                 if margin > 0.0:
                     yield ShapeChange(EventKind.SPHERICITY_REGAINED, balloon, one.mode)

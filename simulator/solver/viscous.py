@@ -1,43 +1,33 @@
 """Balloons that take their time: the flow τᵢ dλᵢ/dt = −gᵢ in real time under a moving drive, with IDA.
 
 With a relaxation time τ the force balances gᵢ = 0 are approached, not solved, so nothing jumps: a snap takes
-as long as the flow needs. The gas law holds throughout. A balloon can also have a Maxwell branch (a spring
-k_v in series with a dashpot, in parallel to its elastomer: a Zener solid), with an inner stretch ξ,
-
-    τ dλ/dt = −g − (k_v/ξ) f_v(λ/ξ),    dξ/dt = ξ x f_v(x)/(12 t_v),  x = λ/ξ,
-
-where f_v is the neo-Hookean force. As x f_v(x) ≈ 12 (x − 1) for small strains, t_v is the time in which the
-branch then relaxes. The dissipation r²h[τ(dλ/dt)² + k_v (x f_v)²/(12 t_v)] is never negative.
+as long as the flow needs. The gas law holds throughout. A balloon can have parts besides, such as
+viscoelastic branches (`model.viscoelastic`): each adds its share S to g and has unknowns of its own.
 
 Balloons that are equal in all, and start alike, stay alike: that is the solution, also where it is unstable.
 Each feels the mean of its equals, so that what rounding makes of it does not grow.
 
-Work and dissipation are integrated beside the stretches, so the books tell how well it was done.
-
-References
-----------
-C. C. Foo, S. Cai, S. J. A. Koh, S. Bauer, Z. Suo, J. Appl. Phys. 111 (2012) 034102: the branch and its law.
+Work, dissipation and what the parts exchange are integrated beside the stretches, so the books tell how well
+it was done. Unknowns are in this order: stretches, own unknowns of all parts, their books, work, friction.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.events import EventKind
-from simulator.model.conditions import shape_conditions, stability_in_motion
-from simulator.model.elastomers import NeoHookean, tension_force, tension_stiffness
 from simulator.model.groups import Group
 from simulator.solver.ida import Course, Effort, IntegrationError, System, integrate
+from simulator.solver.margins import Shapes, watched
+from simulator.solver.passage import Material, Passage, Passed, Slot
 
 FloatArray = NDArray[np.float64]
 
 _RTOL = 1e-9
+_RTOL_OF_PARTS = 3e-10  # so that the energies of snaps balance within 1e-8
 _ATOL = 1e-11
 # Of the energies that rounding moves, about r²hk λ⁴: a small history has small energies.
 _ATOL_ENERGY = 1e-16
@@ -45,82 +35,6 @@ _ATOL_ENERGY = 1e-16
 _ATOL_ENERGY_WIDE = 1e-13
 _MOST_STEPS = 1_000_000
 _ALIKE = 1e-9  # relatively: stretches of equal balloons that differ by rounding alone
-_SPRING = NeoHookean()
-# What a loss of sphericity does to a flow.
-Shapes = Literal["record", "stop", "ignore"]
-
-
-@dataclass(frozen=True)
-class MaxwellBranch:
-    """A Maxwell branch: its modulus, over the reference balloon's, and its relaxation time."""
-
-    modulus: float
-    time: float
-
-
-@dataclass(frozen=True)
-class Material:
-    """How the balloons take their time: relaxation times and Maxwell branches, one or None for each."""
-
-    relaxation: tuple[float, ...]
-    branches: tuple[MaxwellBranch | None, ...]
-
-    @property
-    def creeping(self) -> tuple[int, ...]:
-        """The balloons with a Maxwell branch."""
-        return tuple(i for i, branch in enumerate(self.branches) if branch is not None)
-
-
-@dataclass(frozen=True)
-class Passed:
-    """A margin that fell through zero: when, of what kind, and the stretches of all balloons then.
-
-    Of a balloon's shape also which balloon, and what it would turn into.
-    """
-
-    time: float
-    kind: str
-    stretch: FloatArray
-    balloon: int = -1
-    mode: str = ""
-
-
-@dataclass(frozen=True)
-class Watched:
-    """A margin of the stretches and v, what its fall through zero is, and whether that ends the history."""
-
-    kind: str
-    margin: Callable[[list[float], float], float]
-    ends: bool
-    balloon: int = -1
-    mode: str = ""
-
-
-@dataclass(frozen=True)
-class Passage:
-    """What became of the balloons over a stretch of time.
-
-    Attributes
-    ----------
-    time : (n,) array
-        The times asked for, up to the end.
-    stretch : (n, n_balloons) array
-    inner : (n, n_creeping) array
-        Inner stretches of the Maxwell branches.
-    work, dissipated : (n,) arrays
-        ∫ −∂Π/∂v dv up to each time, and what was lost.
-    passed : tuple of Passed
-        Limit points and changes of shape in order of time; and what ended it, if anything did.
-    ended : bool
-    """
-
-    time: FloatArray
-    stretch: FloatArray
-    inner: FloatArray
-    work: FloatArray
-    dissipated: FloatArray
-    passed: tuple[Passed, ...]
-    ended: bool
 
 
 class Flow:
@@ -134,15 +48,17 @@ class Flow:
         self.shapes = shapes
         self.material = material
         self.count = sum(len(group.members) for group in groups)
-        self.creeping = material.creeping
-        self._balloons = [i for group in groups for i in group.members]
         walls = {
             i: wall for group in groups for i, wall in zip(group.members, group.equations.walls, strict=True)
         }
         self._walls = [walls[i] for i in range(self.count)]
-        # τD/k of the balances, and r²h τ of the dissipation.
-        self._slow = [t / w.modulus for t, w in zip(material.relaxation, self._walls, strict=True)]
-        self._loss = [t * w.weight / w.modulus for t, w in zip(material.relaxation, self._walls, strict=True)]
+        # τD/k of the balances, and r²h τ of the dissipation, both over λⁿ.
+        pairs = list(zip(material.friction, self._walls, strict=True))
+        self._slow = [f.coefficient / w.modulus for f, w in pairs]
+        self._loss = [f.coefficient * w.weight / w.modulus for f, w in pairs]
+        self._exponent = [f.exponent for f in material.friction]
+        self._own = slice(self.count, self.count + material.at_rest().size)
+        self._slots = [_moved(slot, self.count, self._own.stop) for slot in material.slots]
 
     def state(self, group: Group, stretch: Sequence[float], v: float) -> list[float]:
         """The unknowns of a group's equations, the pressure from the gas law."""
@@ -151,80 +67,74 @@ class Flow:
             return [*own, group.equations.gas_pressure(own, v), v]
         return [*own, v]
 
-    def spring(self, stretch: float, inner: float, branch: MaxwellBranch) -> tuple[float, float]:
-        """The branch's share of g, and dξ/dt."""
-        ratio = stretch / inner
-        force = tension_force(_SPRING, ratio)
-        return branch.modulus * force / inner, inner * ratio * force / (12.0 * branch.time)
+    def own(self, values: Sequence[float]) -> Sequence[float]:
+        """The unknowns of the parts, of all unknowns."""
+        return values[self._own]
 
-    def spring_energy(self, stretch: FloatArray, inner: FloatArray) -> float:
-        """Energy stored in all Maxwell branches, over 4πR²Hμ."""
-        total = 0.0
-        for place, i in enumerate(self.creeping):
-            branch, wall = self.material.branches[i], self._walls[i]
-            assert branch is not None
-            ratio = float(stretch[i] / inner[place])
-            total += wall.weight / wall.modulus * branch.modulus * float(_SPRING.energy(ratio))
-        return total
-
-    def swelling(self, stretch: FloatArray, inner: FloatArray, v: float) -> tuple[float, float]:
+    def swelling(self, stretch: FloatArray, own: FloatArray, v: float) -> tuple[float, float]:
         """How fast the balloons' volume grows, Σ r³λ² dλ/dt, and the largest |dλ/dt|."""
-        values = [*stretch.tolist(), *inner.tolist(), 0.0, 0.0]
-        rates = self._rates(values, v, 0.0)[: self.count]
+        rates = self._rates(self._start(stretch.tolist(), own.tolist()), v, 0.0)[: self.count]
         walls = zip(self._walls, stretch.tolist(), rates, strict=True)
         return sum(w.cube * x * x * rate for w, x, rate in walls), max(map(abs, rates))
 
+    def _start(self, stretch: Sequence[float], own: Sequence[float]) -> list[float]:
+        """All unknowns, the books empty."""
+        books = self._slots[-1].books.stop - self._own.stop if self._slots else 0
+        return [*stretch, *own, *[0.0] * (books + 2)]
+
     def _rates(self, values: Sequence[float], v: float, speed: float) -> list[float]:
-        """Rates of all unknowns (stretches, inner stretches, work, dissipated energy)."""
-        stretch, inner = values[: self.count], values[self.count : -2]
+        """Rates of all unknowns."""
         rates = [0.0] * len(values)
         power = 0.0
         for group in self.groups:
-            state = self.state(group, stretch, v)
+            state = self.state(group, values, v)
             forces = group.equations.residual(state)
             for i, force in zip(group.members, forces, strict=False):
-                rates[i] = -force / (self._walls[i].elastomer.pole_form(stretch[i])[1] * self._slow[i])
+                rates[i] = -force / (self._walls[i].elastomer.pole_form(values[i])[1] * self._slow[i])
             power += float(group.equations.drive_power(state))
-        loss = 0.0
-        for place, i in enumerate(self.creeping):
-            branch, wall = self.material.branches[i], self._walls[i]
-            assert branch is not None
-            share, rates[self.count + place] = self.spring(stretch[i], inner[place], branch)
-            rates[i] -= share / self.material.relaxation[i]
-            loss += wall.weight / wall.modulus * share * stretch[i] * rates[self.count + place] / inner[place]
+        for i, _, part, own, books in self._slots:
+            share, rates[own], rates[books] = part.moves(values[i], values[own], v)
+            rates[i] -= share / self.material.friction[i].coefficient
+        for i, exponent in enumerate(self._exponent):
+            rates[i] /= values[i] ** exponent
         rates[-2] = power * speed
-        rates[-1] = loss + sum(c * r * r for c, r in zip(self._loss, rates, strict=False))
+        rates[-1] = self._friction(values, rates)
         return rates
 
+    def _friction(self, values: Sequence[float], speeds: Sequence[float]) -> float:
+        """What friction dissipates per time."""
+        terms = zip(self._loss, values, self._exponent, speeds, strict=False)
+        return float(sum(c * x**n * s * s for c, x, n, s in terms))
+
     def _residual(self, values: list[float], speeds: list[float], v: float, speed: float) -> list[float]:
-        stretch, inner = values[: self.count], values[self.count : -2]
         out = [0.0] * len(values)
-        power = loss = 0.0
+        power = 0.0
         for group in self.groups:
-            state = self.state(group, stretch, v)
+            state = self.state(group, values, v)
             for i, force in zip(group.members, group.equations.residual(state), strict=False):
-                denominator = self._walls[i].elastomer.pole_form(stretch[i])[1]
+                denominator = self._walls[i].elastomer.pole_form(values[i])[1]
                 # Beyond the stretch limit there is nothing: IDA takes it for a step too long.
-                out[i] = force + denominator * self._slow[i] * speeds[i] if denominator > 0.0 else math.nan
+                out[i] = (
+                    force + denominator * self._slow[i] * values[i] ** self._exponent[i] * speeds[i]
+                    if denominator > 0.0
+                    else math.nan
+                )
             power += float(group.equations.drive_power(state))
-        for place, i in enumerate(self.creeping):
-            branch, wall = self.material.branches[i], self._walls[i]
-            assert branch is not None
-            share, rate = self.spring(stretch[i], inner[place], branch)
-            out[i] += wall.elastomer.pole_form(stretch[i])[1] * share / wall.modulus
-            out[self.count + place] = speeds[self.count + place] - rate
-            loss += wall.weight / wall.modulus * share * stretch[i] * rate / inner[place]
-        loss += sum(c * s * s for c, s in zip(self._loss, speeds, strict=False))
-        out[-2], out[-1] = speeds[-2] - power * speed, speeds[-1] - loss
+        for i, _, part, own, books in self._slots:
+            wall = self._walls[i]
+            share, moves, powers = part.moves(values[i], values[own], v)
+            out[i] += wall.elastomer.pole_form(values[i])[1] * share / wall.modulus
+            out[own] = [s - rate for s, rate in zip(speeds[own], moves, strict=True)]
+            out[books] = [s - rate for s, rate in zip(speeds[books], powers, strict=True)]
+        out[-2], out[-1] = speeds[-2] - power * speed, speeds[-1] - self._friction(values, speeds)
         return out
 
     def _jacobian(self, values: list[float], speeds: list[float], v: float, cj: float) -> list[list[float]]:
-        """∂(residual)/∂y + c_j ∂(residual)/∂ẏ; work and loss, on which nothing depends, only roughly."""
+        """∂(residual)/∂y + c_j ∂(residual)/∂ẏ; work and friction, on which nothing depends, only roughly."""
         size = len(values)
-        stretch, inner = values[: self.count], values[self.count : -2]
         out = [[0.0] * size for _ in range(size)]
         for group in self.groups:
-            state = self.state(group, stretch, v)
+            state = self.state(group, values, v)
             _, rows = group.equations.linearised(state)
             count = len(group.members)
             if group.equations.has_pressure:
@@ -236,35 +146,43 @@ class Flow:
             for i, row in zip(group.members, rows, strict=False):
                 for j, entry in zip(group.members, row, strict=False):
                     out[i][j] = entry
-                law, x = self._walls[i].elastomer, stretch[i]
-                out[i][i] += self._slow[i] * (
-                    cj * law.pole_form(x)[1] + law.pole_form_slope(x)[1] * speeds[i]
+                law, x, n = self._walls[i].elastomer, values[i], self._exponent[i]
+                denominator = law.pole_form(x)[1]
+                out[i][i] += (
+                    self._slow[i]
+                    * x**n
+                    * (cj * denominator + (law.pole_form_slope(x)[1] + denominator * n / x) * speeds[i])
                 )
-        for place, i in enumerate(self.creeping):
-            branch, wall = self.material.branches[i], self._walls[i]
-            assert branch is not None
-            k, ratio = self.count + place, stretch[i] / inner[place]
-            force, slope = tension_force(_SPRING, ratio), tension_stiffness(_SPRING, ratio)
-            denominator, fall = (
-                wall.elastomer.pole_form(stretch[i])[1],
-                wall.elastomer.pole_form_slope(stretch[i])[1],
-            )
-            share = branch.modulus / wall.modulus / inner[place]
-            out[i][i] += share * (fall * force + denominator * slope / inner[place])
-            out[i][k] = -share * denominator * (force + ratio * slope) / inner[place]
-            # dξ/dt = λ f(λ/ξ)/(12 t)
-            out[k][i] = -(force + ratio * slope) / (12.0 * branch.time)
-            out[k][k] = cj + ratio * ratio * slope / (12.0 * branch.time)
+        for slot in self._slots:
+            self._of_part(slot, values, v, cj, out)
         out[-2][-2] = out[-1][-1] = cj
         for i, c in enumerate(self._loss):
-            out[-1][i] = -2.0 * c * cj * speeds[i]
+            out[-1][i] = -2.0 * c * values[i] ** self._exponent[i] * cj * speeds[i]
         return out
+
+    def _of_part(self, slot: Slot, values: list[float], v: float, cj: float, out: list[list[float]]) -> None:
+        """Add what a part is to the Jacobian."""
+        i, _, part, own, books = slot
+        wall, x = self._walls[i], values[i]
+        share = part.moves(x, values[own], v)[0]
+        slopes = part.tangent(x, values[own], v)
+        denominator = wall.elastomer.pole_form(x)[1] / wall.modulus
+        fall = wall.elastomer.pole_form_slope(x)[1] / wall.modulus
+        out[i][i] += fall * share + denominator * slopes.share_per_stretch
+        out[i][own] = [denominator * slope for slope in slopes.share_per_own]
+        for place, k in enumerate(range(own.start, own.stop)):
+            out[k][i] = -slopes.rates_per_stretch[place]
+            out[k][k] = cj - slopes.rates_per_own[place]
+        for place, k in enumerate(range(books.start, books.stop)):
+            out[k][i] = -slopes.books_per_stretch[place]
+            out[k][own] = [-slope for slope in slopes.books_per_own[place]]
+            out[k][k] = cj
 
     def run(
         self,
         drive: Callable[[float], tuple[float, float]],
         stretch: FloatArray,
-        inner: FloatArray,
+        own: FloatArray,
         times: FloatArray,
         effort: Effort,
     ) -> Passage:
@@ -275,8 +193,8 @@ class Flow:
         drive
             v and dv/dt at a time, smooth from the first time to the last.
         stretch : (n_balloons,) array
-        inner : (n_creeping,) array
-            Inner stretches of the Maxwell branches.
+        own : (n_own,) array
+            The unknowns of all parts.
         times : (n,) array
             Rising; states are returned at these.
         effort : Effort
@@ -287,15 +205,15 @@ class Flow:
         IntegrationError
             If IDA fails.
         """
-        watched = list(self._watched())
-        equals = self._equals(stretch.tolist(), inner.tolist())
+        seen = list(watched(self))
+        equals = self._equals(stretch.tolist(), own.tolist())
 
         def even(values: list[float]) -> list[float]:
             return _evened(values, equals) if equals else values
 
         def margins(t: float, values: list[float], speeds: list[float]) -> list[float]:
             v, values = drive(t)[0], even(values)
-            return [one.margin(values, v) for one in watched]
+            return [one.margin(values, v) for one in seen]
 
         def jacobian(t: float, values: list[float], speeds: list[float], cj: float) -> list[list[float]]:
             v, values = drive(t)[0], even(values)
@@ -303,69 +221,67 @@ class Flow:
             if not equals:
                 return rows
             # The residual depends on the means alone: where equal balloons would part, the rest is singular.
-            own = self._jacobian(values, speeds, v, 0.0)
+            still = self._jacobian(values, speeds, v, 0.0)
             return [
                 [entry - part + mean for entry, part, mean in zip(row, parts, even(parts), strict=True)]
-                for row, parts in zip(rows, own, strict=True)
+                for row, parts in zip(rows, still, strict=True)
             ]
 
-        start = np.array(even([*stretch.tolist(), *inner.tolist(), 0.0, 0.0]))
+        start = np.array(even(self._start(stretch.tolist(), own.tolist())))
         rounding = sum(w.weight * x**4 for w, x in zip(self._walls, stretch.tolist(), strict=True))
         system = System(
             lambda t, y, yp: self._residual(even(y), yp, *drive(t)),
             jacobian,
             margins,
-            [one.ends for one in watched],
+            [one.ends for one in seen],
         )
         rates = np.array(self._rates(start.tolist(), *drive(float(times[0]))))
         # A third time, or IDA's own steps would be returned.
         asked = times if times.size > 2 else np.array([times[0], times.mean(), times[-1]])
+        states = self._own.stop
+        rtol = _RTOL_OF_PARTS if self._slots else _RTOL
 
         def integrated(atol_energy: float) -> Course:
-            atol = np.array([*[_ATOL] * (start.size - 2), *[atol_energy * rounding] * 2])
+            atol = np.array([*[_ATOL] * states, *[atol_energy * rounding] * (start.size - states)])
             return integrate(
-                system, asked, start, rates, effort, rtol=_RTOL, atol=atol, most_steps=_MOST_STEPS
+                system, asked, start, rates, effort, rtol=rtol, atol=atol, most_steps=_MOST_STEPS
             )
 
         try:
             course = integrated(_ATOL_ENERGY)
         except IntegrationError:
             course = integrated(_ATOL_ENERGY_WIDE)
+        found = [(e.time, np.array(even(e.state.tolist())), seen[e.which]) for e in course.events]
         passed = tuple(
-            Passed(e.time, one.kind, np.array(even(e.state.tolist())[: self.count]), one.balloon, one.mode)
-            for e in course.events
-            for one in (watched[e.which],)
+            Passed(time, one.kind, y[: self.count], y[self._own], one.balloon, one.mode)
+            for time, y, one in found
         )
-        ended = bool(passed) and watched[course.events[-1].which].ends
+        ended = bool(found) and found[-1][2].ends
         end = passed[-1].time if ended else float(times[-1])
         kept = np.isin(course.time, times) & (course.time < end) | (course.time == end)
         kept[-1] = True  # where it ended
-        states = np.array([even(state) for state in course.states[kept].tolist()])
-        return Passage(
-            course.time[kept],
-            states[:, : self.count],
-            states[:, self.count : -2],
-            states[:, -2],
-            states[:, -1],
-            passed,
-            ended,
-        )
+        y = np.array([even(state) for state in course.states[kept].tolist()])
+        parts = y[:, self._own], y[:, states:-2]
+        return Passage(course.time[kept], y[:, : self.count], *parts, y[:, -2], y[:, -1], passed, ended)
 
-    def _equals(self, stretch: Sequence[float], inner: Sequence[float]) -> list[list[int]]:
-        """Places of unknowns that stay equal: stretches of equal balloons that are alike, and inner ones."""
-        inside = {i: self.count + place for place, i in enumerate(self.creeping)}
+    def _equals(self, stretch: Sequence[float], own: Sequence[float]) -> list[list[int]]:
+        """Places of unknowns that stay equal: of equal balloons that are alike, and of their parts."""
         membranes = {
             i: (membrane, group.equations.is_open)
             for group in self.groups
             for i, membrane in zip(group.members, group.equations.membranes, strict=True)
         }
+        inside: list[list[int]] = [[] for _ in range(self.count)]
+        for slot in self.material.slots:
+            inside[slot.balloon] += range(slot.own.start, slot.own.stop)
 
         def same(i: int, j: int) -> bool:
+            makes = ((membranes[k], self.material.friction[k], self.material.parts[k]) for k in (i, j))
+            if next(makes) != next(makes):
+                return False
             pairs = [(stretch[i], stretch[j])]
-            if i in inside and j in inside:
-                pairs.append((inner[inside[i] - self.count], inner[inside[j] - self.count]))
-            makes = ((membranes[k], self.material.relaxation[k], self.material.branches[k]) for k in (i, j))
-            return next(makes) == next(makes) and all(abs(a - b) <= _ALIKE * abs(b) for a, b in pairs)
+            pairs += [(own[a], own[b]) for a, b in zip(inside[i], inside[j], strict=True)]
+            return all(abs(a - b) <= _ALIKE * abs(b) for a, b in pairs)
 
         sets: list[list[int]] = []
         for i in range(self.count):
@@ -375,29 +291,16 @@ class Flow:
             else:
                 known.append(i)
         several = [one for one in sets if len(one) > 1]
-        return several + [[inside[i] for i in one] for one in several if one[0] in inside]
+        of_parts = [places for one in several for places in zip(*(inside[i] for i in one), strict=True)]
+        return several + [[self.count + place for place in places] for places in of_parts]
 
-    def _watched(self) -> Iterator[Watched]:
-        """What is watched: stability of every group, what ends a history, and the balloons' shapes."""
 
-        def of(
-            group: Group, margin: Callable[[Any], Any], sign: float = 1.0, rounding: float = 0.0
-        ) -> Callable[..., float]:
-            return lambda values, v: sign * float(margin(self.state(group, values, v))) + rounding
-
-        for group in self.groups:
-            for condition in group.conditions:
-                turns = condition.kind == EventKind.LIMIT_POINT
-                margin = stability_in_motion(group.equations) if turns else condition.margin
-                rounding = self.no_pressure * (condition.kind == EventKind.LOSS_OF_TENSION)
-                yield Watched(condition.kind, of(group, margin, rounding=rounding), not turns)
-            for shape in shape_conditions(group.equations) if self.shapes != "ignore" else ():
-                balloon, margin = group.members[shape.place], shape.condition.margin
-                stops = self.shapes == "stop"
-                lost = Watched(EventKind.LOSS_OF_SPHERICITY, of(group, margin), stops, balloon, shape.mode)
-                yield lost
-                back = of(group, margin, -1.0)
-                yield replace(lost, kind=EventKind.SPHERICITY_REGAINED, margin=back, ends=False)
+def _moved(slot: Slot, own: int, books: int) -> Slot:
+    """A slot whose places are counted from others."""
+    return slot._replace(
+        own=slice(slot.own.start + own, slot.own.stop + own),
+        books=slice(slot.books.start + books, slot.books.stop + books),
+    )
 
 
 def _evened(values: list[float], equals: Sequence[Sequence[int]]) -> list[float]:

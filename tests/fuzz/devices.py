@@ -182,14 +182,24 @@ def dynamics(rng: Rng, balloons: list[Document], pace: float) -> Document:
     if chance(rng, 0.35):
         for balloon in balloons:
             if chance(rng, 0.7):
-                modulus = rounded(rng, part(balloon, "modulus") * log_uniform(rng, 0.05, 4.0))
-                balloon["maxwell"] = {
-                    "modulus": modulus,
-                    "time": rounded(rng, pace * log_uniform(rng, 0.03, 30.0)),
-                }
+                balloon["maxwell"] = _branches(rng, part(balloon, "modulus"), pace)
     if chance(rng, 0.3):
         return {"relaxation_time": {b["name"]: relaxation() for b in balloons}}
     return {"relaxation_time": relaxation()}
+
+
+def _branches(rng: Rng, stiffness: float, pace: float) -> Document | list[Document]:
+    """One viscoelastic branch, or a list of one to three."""
+
+    def branch() -> Document:
+        modulus = rounded(rng, stiffness * log_uniform(rng, 0.05, 4.0))
+        return {"modulus": modulus, "time": rounded(rng, pace * log_uniform(rng, 0.03, 30.0))}
+
+    first = branch()
+    if chance(rng, 0.4):
+        return first | ({"flow": "linear"} if chance(rng, 0.3) else {})
+    several = [first, *(branch() for _ in range(int(rng.integers(0, 3))))]
+    return [one | ({"flow": "newtonian"} if chance(rng, 0.2) else {}) for one in several]
 
 
 def part(balloon: Document, key: str) -> float:

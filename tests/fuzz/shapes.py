@@ -2,9 +2,9 @@
 
 python -m tests.fuzz.shapes N --seed S [--whole]
 
-The margin s = k(f′ − f/λ) − 4(e/h²)φ²λ² is that of the reference's elastomers in every row of a history with
-many samples. Each change of its sign must have its event, each event its change, and the states of events on
-branches have s = 0 and are in balance.
+The margin s = k(f′ − f/λ) − 4(e/h²)φ²λ², and what viscoelastic branches add to it at once, is that of the
+reference's elastomers in every row of a history with many samples. Each change of its sign must have its
+event, each event its change, and the states of events on branches have s = 0 and are in balance.
 """
 
 from __future__ import annotations
@@ -38,10 +38,12 @@ Found = tuple[int, dict[str, Any], str, list[str], int]
 
 def margins(history: History) -> tuple[FloatArray, FloatArray]:
     """s of every balloon in every sample, and the sizes of its terms, (n_samples, n_balloons)."""
-    return _margins(history, history.stretch, history.voltage)
+    return _margins(history, history.stretch, history.voltage, history.inner)
 
 
-def _margins(history: History, stretch: FloatArray, voltage: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _margins(
+    history: History, stretch: FloatArray, voltage: FloatArray, inner: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     found, sizes = np.zeros(stretch.shape), np.zeros(stretch.shape)
     for i, (wall, b) in enumerate(zip(walls_of(history), history.scenario.balloons, strict=True)):
         x = stretch[:, i]
@@ -51,6 +53,12 @@ def _margins(history: History, stretch: FloatArray, voltage: FloatArray) -> tupl
         load = 4.0 * b.permittivity / b.thickness**2 * (phi * x) ** 2
         found[:, i] = b.modulus * (stiffness - force) - load
         sizes[:, i] = b.modulus * (np.abs(stiffness) + np.abs(force)) + load
+        for number, branch in enumerate(b.branches, start=1):
+            # At once a branch is a neo-Hookean film: 12k (λ/λ_v)⁻⁶/λ_v², across the film λ_v⁻² of its own.
+            name = f"{b.name}_{number}" + ("_thickness" if branch.flow == "linear" else "")
+            free = inner[:, history.inner_of.index(name)]
+            held = free**-2 if branch.flow == "linear" else free**4
+            found[:, i] += 12.0 * branch.modulus * held * x**-6
     return found, sizes
 
 
@@ -91,7 +99,10 @@ def _of_event(history: History, event: Event, allowed: float) -> list[str]:
     assert after is not None
     jumped = any(e.time == event.time and e.kind not in SHAPE_EVENTS for e in history.events)
     place = history.balloons.index(str(event.balloon))
-    s, sizes = (part[0, place] for part in _margins(history, after[None], event.voltage[None]))
+    rows = np.flatnonzero(history.time == event.time)
+    row = rows[np.argmin(np.abs(history.stretch[rows] - after).max(axis=1))]
+    inner = history.inner[row : row + 1]
+    s, sizes = (part[0, place] for part in _margins(history, after[None], event.voltage[None], inner))
     if not np.array_equal(after, event.stretch_before):
         lost = event.kind is EventKind.LOSS_OF_SPHERICITY
         through = any(

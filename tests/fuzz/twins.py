@@ -114,7 +114,11 @@ def paced(document: Document, rng: Rng, folder: Path) -> Twin | None:
         twin["dynamics"] = {"relaxation_time": times(twin["dynamics"]["relaxation_time"])}
         for balloon in twin["balloon"]:
             if "maxwell" in balloon:
-                balloon["maxwell"] = {**balloon["maxwell"], "time": times(balloon["maxwell"]["time"])}
+                named = balloon["maxwell"]
+                slow = [
+                    {**one, "time": times(one["time"])} for one in ([named] if "time" in named else named)
+                ]
+                balloon["maxwell"] = slow[0] if "time" in named else slow
     if "every" in twin.get("output", {}):
         twin["output"] = {"every": times(twin["output"]["every"])}
     return Twin(twin, pace=factor)

@@ -19,6 +19,7 @@ from scipy.integrate import BDF, LSODA, Radau
 from scipy.optimize import brentq
 
 from tests.oracle.general.elastomers import Law
+from tests.oracle.general.springs import AnySpring
 
 FloatArray = NDArray[np.float64]
 
@@ -28,14 +29,6 @@ _LOOKS = 6  # times that margins are read in each step
 _MOST_STEPS = 10_000
 _GRAZING = 1e-9  # a margin that comes this near zero and turns, over its largest value in the leg
 ENDLESS = 1e3  # stretch that counts as without end
-
-
-@dataclass(frozen=True)
-class Spring:
-    """A Maxwell branch: modulus and relaxation time."""
-
-    modulus: float
-    time: float
 
 
 @dataclass(frozen=True)
@@ -49,7 +42,7 @@ class Film:
     wall: Law
     strength: Callable[[float], float] | None
     relaxation: float
-    spring: Spring | None
+    springs: tuple[AnySpring, ...]
 
 
 @dataclass(frozen=True)
@@ -105,31 +98,29 @@ class FlowError(ArithmeticError):
     """An integrator could not follow the flow."""
 
 
-def spring_force(x: float) -> float:
-    return 2.0 * (x - x**-5)
-
-
-def spring_stiffness(x: float) -> float:
-    return 2.0 + 10.0 * x**-6
-
-
 @dataclass
 class Motion:
-    """All balloons on one gas, and how fast they are: unknowns λ, inner stretches ξ, and the heat so far."""
+    """All balloons on one gas, and how fast they are: unknowns λ, inner stretches, and the heat so far."""
 
     films: Sequence[Film]
     chamber: float
-    creeping: list[int] = field(init=False)
+    springs: list[tuple[int, AnySpring, slice]] = field(init=False)
 
     def __post_init__(self) -> None:
-        self.creeping = [i for i, film in enumerate(self.films) if film.spring is not None]
+        self.springs = []
+        begin = len(self.films)
+        for i, film in enumerate(self.films):
+            for spring in film.springs:
+                self.springs.append((i, spring, slice(begin, begin + spring.size)))
+                begin += spring.size
 
     @property
     def count(self) -> int:
         return len(self.films)
 
     def at_rest(self) -> FloatArray:
-        return np.concatenate([np.ones(self.count + len(self.creeping)), [0.0]])
+        inner = sum(spring.size for _, spring, _ in self.springs)
+        return np.concatenate([np.ones(self.count + inner), [0.0]])
 
     def is_sound(self, y: FloatArray) -> bool:
         """Whether a state is one at all: numbers, and no wall beyond where it locks."""
@@ -167,14 +158,11 @@ class Motion:
             stretch.tolist(), self.pressure(time, stretch.tolist(), drive), drive.voltages(time)
         )
         heat = 0.0
-        for place, i in enumerate(self.creeping):
-            film, spring = self.films[i], self.films[i].spring
-            assert spring is not None
-            x = float(stretch[i] / inner[place])
-            force = spring_force(x)
-            balance[i] += spring.modulus / inner[place] * force
-            out[self.count + place] = stretch[i] / (12.0 * spring.time) * force
-            heat += film.radius**2 * film.thickness * spring.modulus * (x * force) ** 2 / (12.0 * spring.time)
+        for i, spring, places in self.springs:
+            x, own = float(stretch[i]), y[places].tolist()
+            balance[i] += spring.share(x, own)
+            out[places] = spring.rates(x, own)
+            heat += self.films[i].radius ** 2 * self.films[i].thickness * spring.heat(x, own)
         for i, film in enumerate(self.films):
             out[i] = -balance[i] / film.relaxation
             heat += film.radius**2 * film.thickness * film.relaxation * out[i] ** 2
@@ -183,21 +171,17 @@ class Motion:
 
     def jacobian(self, time: float, y: FloatArray, drive: Drive) -> FloatArray:
         count = self.count
-        stretch, inner = y[:count], y[count:-1]
+        stretch = y[:count]
         voltage = drive.voltages(time)
         out = np.zeros((y.size, y.size))
         diagonal, coupling = self.slopes(time, stretch.tolist(), voltage, drive)
         out[:count, :count] = coupling
         out[np.arange(count), np.arange(count)] += diagonal
-        for place, i in enumerate(self.creeping):
-            spring, film = self.films[i].spring, self.films[i]
-            assert spring is not None
-            x = float(stretch[i] / inner[place])
-            force, slope = spring_force(x), spring_stiffness(x)
-            out[i, i] += spring.modulus * slope / inner[place] ** 2
-            out[i, count + place] = -spring.modulus / inner[place] ** 2 * (force + x * slope)
-            out[count + place, i] = (force + x * slope) / (12.0 * spring.time)
-            out[count + place, count + place] = -(x**2) * slope / (12.0 * spring.time)
+        for i, spring, places in self.springs:
+            x, own = float(stretch[i]), y[places].tolist()
+            out[i, i] += spring.stiffness(x, own)
+            own_places = np.arange(places.start, places.stop)
+            out[i, own_places], out[own_places, i], out[own_places, own_places] = spring.slopes(x, own)
         for i, film in enumerate(self.films):
             out[i] /= -film.relaxation
         rate = self.rates(time, y, drive)
@@ -228,10 +212,13 @@ class Motion:
     def stability(self, time: float, y: FloatArray, drive: Drive) -> list[float]:
         """Smallest eigenvalue of the Hessian with the valve closed, one for each balloon with it open.
 
-        The Hessian is scaled by r²h on both sides: its sign is that of the potential's.
+        Inner stretches are too slow to follow a snap. The Hessian is scaled by r²h on both sides: its sign is
+        that of the potential's.
         """
         stretch = y[: self.count].tolist()
         diagonal, coupling = self.slopes(time, stretch, drive.voltages(time), drive)
+        for i, spring, places in self.springs:
+            diagonal[i] += spring.stiffness(stretch[i], y[places].tolist())
         if drive.gas_pressure is None:
             return [float(d) for d in diagonal]
         root = np.sqrt([film.radius**2 * film.thickness for film in self.films])

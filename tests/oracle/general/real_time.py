@@ -7,7 +7,7 @@ where the two differ by more than 1e-6 the reference is undecided.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any
 
@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator import Scenario, load_scenario
-from tests.oracle.general.creeping_flow import Drive, Film, FlowError, Motion, Spring, follow
-from tests.oracle.general.elastomers import loaded_law
+from tests.oracle.general.creeping_flow import Drive, Film, FlowError, Motion, follow
+from tests.oracle.general.elastomers import inverse_langevin, loaded_law
 from tests.oracle.general.record import Reference, ReferenceEvent, State
+from tests.oracle.general.springs import AnySpring, LinearSpring, Spring
 from tests.oracle.general.waveforms import Part, parts_of
 
 FloatArray = NDArray[np.float64]
@@ -254,7 +255,6 @@ def _ramped(t: float, first: float, last: float, lasts: float) -> float:
 def _film(scenario: Scenario, balloon: Any) -> Film:
     assert scenario.dynamics is not None
     law = loaded_law(balloon.elastomer)
-    spring = None if balloon.maxwell is None else Spring(balloon.maxwell.modulus, balloon.maxwell.time)
     strength = None if balloon.breakdown is None else strength_of(balloon)
     return Film(
         balloon.radius,
@@ -264,8 +264,24 @@ def _film(scenario: Scenario, balloon: Any) -> Film:
         law,
         strength,
         scenario.dynamics.relaxation_of(balloon.name),
-        spring,
+        tuple(springs_of(balloon)),
     )
+
+
+def springs_of(balloon: Any) -> Iterator[AnySpring]:
+    """The viscoelastic branches that a balloon names: one alone is Newtonian, of a list each is linear."""
+    named = balloon.maxwell
+    if hasattr(named, "preset"):
+        equilibrium = round(15.36 * 5.99 * float(inverse_langevin(1.0 / 5.99)) / 3.0, 3)  # kPa
+        for modulus, time in ((26.06, 0.607), (26.53, 6.56), (10.83, 61.25)):
+            yield LinearSpring(balloon.modulus * modulus / equilibrium, time)
+        return
+    alone = not isinstance(named, tuple)
+    for branch in () if named is None else (named,) if alone else named:
+        kind = (
+            Spring if (branch.flow or ("newtonian" if alone else "linear")) == "newtonian" else LinearSpring
+        )
+        yield kind(branch.modulus, branch.time)
 
 
 def strength_of(balloon: Any) -> Callable[[float], float]:
