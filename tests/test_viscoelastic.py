@@ -60,7 +60,7 @@ def test_small_strains_creep_as_a_generalised_maxwell_solid(flow: str) -> None:
     a, b = maxwell_solid(THREE, tau)
     for time, stretch in zip(history.time[101::10], history.stretch[101::10, 0], strict=True):
         exact = np.linalg.solve(a, (expm(a * time) - np.eye(4)) @ b)[0] * pressure
-        assert stretch - 1.0 == close(exact, rel=1e-4, abs=1e-13)
+        assert stretch - 1.0 == pytest.approx(exact, rel=1e-4, abs=1e-13)
 
 
 def test_storage_and_loss_modulus_over_four_decades() -> None:
