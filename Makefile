@@ -93,7 +93,7 @@ accuracy stress paper figures: $(INSTALLED)
 
 # First every code block is run. -n: a name that leads nowhere is a warning; -W: every warning is an error.
 docs: $(INSTALLED_DOCS)
-	$(BIN)/python -m pytest tests/pages
+	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal tests/pages
 	@rm -rf docs/reference/api
 	$(BIN)/python -m sphinx -W -n --keep-going -q -E -b html docs $(SITE)
 	@echo "The site: $(SITE)/index.html"

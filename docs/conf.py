@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import os
 import re
+import subprocess
+import sys
+from html import unescape
+from pathlib import Path
 
 from sphinx.application import Sphinx
+from sphinx.config import Config
 
 from simulator import __version__
 
@@ -22,7 +27,7 @@ extensions = [
     "sphinx_copybutton",
 ]
 templates_path = ["_templates"]
-exclude_patterns = ["_build", "figures", "gallery"]
+exclude_patterns = ["_build", "_made", "figures", "gallery"]
 nitpicky = True
 
 # Pages are written for GitHub as well: its formulas, its anchors, links with .md.
@@ -55,6 +60,7 @@ html_theme = "pydata_sphinx_theme"
 html_title = f"dielectric-balloons {release}"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_extra_path = ["_made/files"]
 html_theme_options = {
     "navigation_with_keys": True,
     "show_toc_level": 2,
@@ -82,6 +88,28 @@ def _read(app: Sphinx, docname: str, content: list[str]) -> None:
     content[0] = text
 
 
+def _make(app: Sphinx, config: Config) -> None:
+    """What is made from the program itself: the options of its commands, and the schema of scenarios."""
+    commands = unescape(_printed("typer", "simulator.cli", "utils", "docs", "--name", "balloons"))
+    sections = commands[commands.index("## `") :].replace("```console", "```sh")
+    _write(app.srcdir / "_made" / "commands.md", sections)
+    _write(app.srcdir / "_made" / "files" / "scenario.schema.json", _printed("simulator", "schema"))
+
+
+def _printed(module: str, *arguments: str) -> str:
+    """What a module prints that is run as a program."""
+    command = [sys.executable, "-m", module, *arguments]
+    return subprocess.run(command, capture_output=True, encoding="utf-8", check=True).stdout
+
+
+def _write(file: Path, text: str) -> None:
+    """Write a file where its text has changed, so that an unchanged page is not built again."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    if not file.exists() or file.read_text("utf-8") != text:
+        file.write_text(text, "utf-8")
+
+
 def setup(app: Sphinx) -> None:
     """What Sphinx calls first."""
+    app.connect("config-inited", _make, priority=100)
     app.connect("source-read", _read)

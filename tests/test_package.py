@@ -103,6 +103,7 @@ def test_the_help_lists_the_verbs_of_a_users_work():
             "unload",
             "explain",
             "presets",
+            "schema",
             "sweep",
             "map",
             "optimize",

@@ -1,4 +1,4 @@
-"""`balloons explain` and `balloons presets`: what a scenario leads to, and which materials it may name."""
+"""`balloons explain`, `presets` and `schema`: what a scenario leads to, and what it may name and say."""
 
 from __future__ import annotations
 
@@ -20,3 +20,12 @@ def presets() -> None:
     from simulator.scenario import PRESETS, Preset
 
     list_presets({name: (Preset(preset=name).law.words, material) for name, material in PRESETS.items()})
+
+
+def schema() -> None:
+    """Print the grammar of scenario files as a JSON Schema, from which editors complete."""
+    import json
+
+    from simulator.scenario.schema import scenario_schema
+
+    print(json.dumps(scenario_schema(), indent=2, ensure_ascii=False))

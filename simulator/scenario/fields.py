@@ -147,12 +147,13 @@ class Chosen:
 
 
 class ByName:
-    """Chooses between one number of a kind, and such numbers by balloon name.
+    """Chooses between one number of a `kind`, and such numbers by balloon name.
 
     `dimension` is what the numbers measure, None where they never have a unit.
     """
 
     def __init__(self, kind: Any) -> None:
+        self.kind = kind
         self.one: TypeAdapter[float] = TypeAdapter(kind)
         self.several: TypeAdapter[dict[str, float]] = TypeAdapter(
             Annotated[dict[str, kind], AfterValidator(not_empty)]

@@ -9,7 +9,9 @@
 A comment right before a block says more, and no reader sees it:
 
 - ``<!-- file: pair.toml -->``: the block is that file from here on; ``<!-- adds to: pair.toml -->``: its end.
+- ``<!-- wrong file: typo.toml -->``: the same for a file that is to be refused, and is not checked.
 - ``<!-- not run: reason -->``.
+- ``<!-- from: results/pair/history.png -->``, before a picture: a block further up has drawn it.
 """
 
 from __future__ import annotations
@@ -18,10 +20,12 @@ import re
 from dataclasses import dataclass
 
 _BLOCK = re.compile(
-    r"(?:^<!-- (?P<word>file|adds to|not run): (?P<rest>.*?) -->\n+)?"
+    r"(?:^<!-- (?P<word>file|adds to|wrong file|not run): (?P<rest>.*?) -->\n+)?"
     r"^(?P<indent> *)```(?P<language>[\w{}]*)[^\n]*\n(?P<text>.*?)^(?P=indent)```[ ]*$",
     re.DOTALL | re.MULTILINE,
 )
+
+_PICTURE = re.compile(r"^<!-- from: (?P<drawn>.*?) -->\n+!\[[^\]]*\]\((?P<shown>.*?)\)", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -52,6 +56,11 @@ def blocks(page: str) -> list[Block]:
         found.append(Block(line, match["language"], text, match["word"] or "", match["rest"] or "", follows))
         end = match.end()
     return found
+
+
+def pictures(page: str) -> list[tuple[str, str]]:
+    """The pictures that blocks of a page draw: where they are drawn, and which file the page shows."""
+    return [(match["drawn"], match["shown"]) for match in _PICTURE.finditer(page)]
 
 
 def commands(text: str) -> list[tuple[str, str]]:

@@ -6,25 +6,33 @@ import contextlib
 import doctest
 import io
 import os
+import shutil
 import subprocess
 import sys
 import tomllib
 from itertools import zip_longest
 from pathlib import Path
+from subprocess import PIPE, STDOUT
 from types import ModuleType
 from typing import Any
 
 import pytest
 
 import simulator
-from tests.pages.blocks import Block, agrees, blocks, commands
+from tests.pages.blocks import Block, agrees, blocks, commands, pictures
 
 ROOT = Path(__file__).parents[2]
-PAGES = sorted(
-    page.relative_to(ROOT).as_posix()
-    for page in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
-    if "_build" not in page.parts and page.name != "python.md"  # tests/test_python.py
-)
+DOCS = ROOT / "docs"
+# With BALLOONS_PICTURES=1 the pictures that the blocks draw become those of the docs.
+KEPT = bool(os.environ.get("BALLOONS_PICTURES"))
+
+
+def walks() -> list[tuple[str, ...]]:
+    """Pages that are read one after the other, in one folder: those of the tutorial, and each other one."""
+    tutorial = sorted((DOCS / "tutorial").glob("[0-9]*.md"))
+    others = [ROOT / "README.md", *sorted({*DOCS.rglob("*.md")} - {*tutorial, DOCS / "python.md"})]
+    found = [tutorial, *([page] for page in others if "_build" not in page.parts)]
+    return [tuple(page.relative_to(ROOT).as_posix() for page in pages) for pages in found]
 
 
 def run_python(text: str, names: dict[str, Any]) -> str:
@@ -49,9 +57,9 @@ def check_console(text: str, folder: Path) -> None:
     }
     for command, claimed in commands(text):
         done = subprocess.run(
-            command, shell=True, capture_output=True, text=True, cwd=folder, env=shell, check=False
+            command, shell=True, stdout=PIPE, stderr=STDOUT, text=True, cwd=folder, env=shell, check=False
         )
-        printed = done.stdout + done.stderr
+        printed = done.stdout
         if claimed.strip() and not agrees(printed, claimed):
             raise AssertionError(f"{command} prints\n{printed}")
 
@@ -69,11 +77,13 @@ def check_toml(text: str, folder: Path) -> None:
 
 
 def check(block: Block, after: Block | None, folder: Path, names: dict[str, Any]) -> None:
-    if block.word in ("file", "adds to"):
-        with (folder / block.rest).open("w" if block.word == "file" else "a", encoding="utf-8") as file:
-            file.write(block.text if block.word == "file" else f"\n{block.text}")
+    if block.word == "adds to":
+        with (folder / block.rest).open("a", encoding="utf-8") as file:
+            file.write(f"\n{block.text}")
+    elif block.word:
+        (folder / block.rest).write_text(block.text, "utf-8")
     match block.language:
-        case "toml":
+        case "toml" if block.word != "wrong file":
             check_toml(block.text, folder)
         case "console":
             check_console(block.text, folder)
@@ -86,17 +96,28 @@ def check(block: Block, after: Block | None, folder: Path, names: dict[str, Any]
                 raise AssertionError(f"prints\n{printed}")
 
 
-@pytest.mark.parametrize("page", PAGES)
-def test_every_block_says_the_truth(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
-    monkeypatch.chdir(tmp_path)
-    found = blocks((ROOT / page).read_text("utf-8"))
-    module = ModuleType("page")  # dataclasses look for the module that they are in
-    monkeypatch.setitem(sys.modules, "page", module)
-    names = vars(module)
+def check_page(page: Path, folder: Path, names: dict[str, Any]) -> None:
+    text = page.read_text("utf-8")
+    found = blocks(text)
     for block, after in zip_longest(found, found[1:]):
         if block.word != "not run":
             try:
-                check(block, after, tmp_path, names)
+                check(block, after, folder, names)
             except Exception as error:
                 pytest.fail(f"{page}:{block.line}: {type(error).__name__}: {error}", pytrace=False)
+    for drawn, shown in pictures(text):
+        assert (folder / drawn).exists(), drawn
+        if KEPT:
+            shutil.copyfile(folder / drawn, page.parent / shown)
+
+
+@pytest.mark.parametrize("walk", walks(), ids=lambda walk: walk[0])
+def test_every_block_says_the_truth(
+    walk: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "scenarios").symlink_to(ROOT / "scenarios")
+    monkeypatch.chdir(tmp_path)
+    module = ModuleType("page")  # dataclasses look for the module that they are in
+    monkeypatch.setitem(sys.modules, "page", module)
+    for page in walk:
+        check_page(ROOT / page, tmp_path, vars(module))
