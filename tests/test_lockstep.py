@@ -338,6 +338,24 @@ def test_simulate_many():
         simulate_many(scenario, {"gas.ambient_presure": pressures})
 
 
+def test_many_runs_of_a_scenario_with_scales_are_in_si_units(tmp_path):
+    """As a sweep of the same runs has them."""
+    scenario = load_scenario("scenarios/vhb_snap.toml")
+    inflations = np.linspace(0.9, 1.1, 3)
+    runs = simulate_many(scenario, {"step.1.inflate": inflations})
+    vary = {"step.1.inflate": inflations.tolist()}
+    store = run_sweep(read_sweep({"scenario": "scenarios/vhb_snap.toml", "vary": vary}), tmp_path, workers=1)
+    table, frame = load_table(store.directory), runs.to_dataframe()
+    shared = [title for title in frame.columns if title in table.columns]
+    assert runs.units["limit_point_1_voltage_active"] == "V"
+    assert {"step.1.inflate [μH/R]", "landing_pressure [Pa]", "loop_work [J]"} <= set(shared)
+    assert set(frame.columns) <= set(table.columns)
+    for title in shared:
+        if frame[title].dtype.kind == "f" and title not in ("seconds", "energy_imbalance"):
+            np.testing.assert_allclose(frame[title], table[title], rtol=1e-12, err_msg=title)
+    assert simulate_many(PAIR, {"step.1.inflate": 0.9}).units == {}
+
+
 @pytest.mark.parametrize("count", [2, 3])
 def test_equal_balloons_come_out_the_same_or_are_given_up(count):
     """How they part is for `simulate` to say."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from simulator import (
     trace,
     trace_inflation,
 )
+from simulator.results.history import Stop
 from simulator.results.html import curve_html, history_html
 from simulator.results.tables import write_curves
 from simulator.scenario.document import scenario_html
@@ -143,6 +145,35 @@ def test_a_history_that_was_written_is_read_back_exactly(name, tmp_path):
         assert type(one) is type(other), field.name
         if isinstance(one, np.ndarray):
             assert (one.dtype, one.shape) == (other.dtype, other.shape), field.name
+
+
+def test_numbers_that_do_not_exist_are_read_back_as_such(tmp_path):
+    """NaN is no JSON: whatever scalar is one must come back as it was."""
+    whole = simulate(SCENARIOS / "breakdown_acrylic.toml")
+
+    def without(value):
+        numbers = [f.name for f in dataclasses.fields(value) if type(getattr(value, f.name)) is float]
+        assert numbers
+        return dataclasses.replace(value, **dict.fromkeys(numbers, math.nan))
+
+    wave = {"sine": {"mean": 0.05, "amplitude": 0.05, "period": 1, "cycles": 2}}
+    cycled = simulate(pair(1.0, wave, output={"points": 5}))
+    history = dataclasses.replace(
+        whole,
+        energy_balance=without(whole.energy_balance),
+        statistics=without(whole.statistics),
+        closest=tuple(without(one) for one in whole.closest),
+        cycles=tuple(without(one) for one in cycled.cycles),
+        stops=(Stop(2, math.nan, None),),
+    )
+    assert history.closest
+    assert history.cycles
+    history.to_csv(tmp_path)
+    again = load_history(tmp_path)
+    assert again == history
+    assert again != whole
+    assert math.isnan(again.energy_balance.dissipated)
+    assert math.isnan(again.cycles[1].dissipated)
 
 
 def test_histories_that_are_not_there(tmp_path, history):

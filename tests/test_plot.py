@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -25,9 +26,11 @@ from simulator.results.plot import (
     png,
 )
 from simulator.results.plot.lines import is_crowded, thinned
+from simulator.results.plot.loop import plot_charge_loop
 from simulator.scenario import load_scenario
+from simulator.simulation.run import simulate
 from tests.histories import cycled_pair, empty_pair, inflated_single, scenario, slack_pair
-from tests.pairs import run
+from tests.pairs import pair, run
 
 SCENARIOS = Path(__file__).parent.parent / "scenarios"
 
@@ -266,6 +269,19 @@ def test_where_charges_are_given_the_charge_loop_shows_the_work():
         f"work of the source, ∫Φ dq = {history.energy_balance.electrical_work:.4g} × 4πR²Hμ"
     )
     assert np.nanmax(np.concatenate([line.get_ydata() for line in ax.get_lines()])) == history.charge.max()
+
+
+def test_the_area_of_the_charge_loop_that_is_drawn_is_the_loop_work_of_cycles_csv(tmp_path):
+    steps = [{"ramp": 0.4, "over": 1}, {"ramp": 0.0, "over": 1}]
+    history = simulate(pair(1.2, {"cycle": 1, "steps": steps}, ambient=0.015))
+    history.to_csv(tmp_path)
+    (written,) = pd.read_csv(tmp_path / "cycles.csv")["loop_work_active"]
+    ax = plot_charge_loop(history, axes())
+    drawn = 0.0
+    for line in ax.get_lines():
+        x, y = (np.asarray(part, dtype=float) for part in (line.get_xdata(), line.get_ydata()))
+        drawn += np.nansum(0.5 * (x[1:] + x[:-1]) * np.diff(y))
+    assert drawn == pytest.approx(written, rel=2e-4)  # chords are on the curve to that
 
 
 def test_a_film_with_a_strength_shows_its_field_and_margin():

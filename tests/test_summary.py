@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from simulator import History, load_scenario, simulate
+from simulator import History, load_scenario, simulate, trace
 from simulator.cli.hints import elastomer_hints, hint_lines, inflation_turns
-from simulator.cli.summary import summarise_run
+from simulator.cli.summary import summarise_run, summarise_trace
 from simulator.results.record import run_record
 from simulator.results.summary import loop_works, not_played, residual
 from simulator.scenario.elastomer import Tabulated
@@ -45,6 +45,18 @@ def told(history: History, capsys: pytest.CaptureFixture[str]) -> str:
 def words(text: str) -> str:
     """A text without the ends of its lines."""
     return " ".join(text.split())
+
+
+def test_80_columns_are_enough_for_the_paths_of_three_balloons(capsys, monkeypatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    for name in ("ring", "push_pull", "vhb_snap", "fig3c_state_b"):
+        curve = trace(f"scenarios/{name}.toml")
+        summarise_trace([curve], [Path("results/trace/curve.csv")], asked=False)
+        text = capsys.readouterr().out
+        assert max(map(len, text.splitlines())) <= 80, name
+        for point in curve.points:
+            for stretch in point.stretch:
+                assert f" {stretch:.6g} " in text.replace("\n", " "), name
 
 
 def test_80_columns_are_enough_up_to_three_balloons(shipped, capsys, monkeypatch) -> None:

@@ -173,10 +173,11 @@ def _point_table(curves: Sequence[Curve]) -> Table:
     table.add_column("point", no_wrap=True)
     points = [point for curve in curves for point in curve.points]
     scales = curves[0].scales
-    volts, volt = of_column(scales, units.VOLTAGE, [float(v) for point in points for v in point.voltage])
+    # One voltage is on all electrodes.
+    volts, volt = of_column(scales, units.VOLTAGE, [float(v) for point in points for v in point.voltage[:1]])
     pascals, pascal = of_column(scales, units.PRESSURE, [point.pressure for point in points])
     headings = [
-        *(f"voltage\n{name}{volt}" for name in curves[0].electroded),
+        *(f"voltage{whose}{volt}" for whose in _whose(curves[0].electroded)),
         *(f"stretch\n{name}" for name in curves[0].balloons),
         f"pressure{pascal}",
     ]
@@ -185,7 +186,7 @@ def _point_table(curves: Sequence[Curve]) -> Table:
     for i, curve in enumerate(curves, start=1):
         for point in curve.points:
             values = (
-                *(short(voltage, volts) for voltage in point.voltage),
+                *(short(voltage, volts) for voltage in point.voltage[:1]),
                 *(short(stretch) for stretch in point.stretch),
                 short(point.pressure, pascals),
             )
@@ -193,6 +194,13 @@ def _point_table(curves: Sequence[Curve]) -> Table:
             what = f"{point.kind}\n  {point.balloon}" if point.balloon else point.kind
             table.add_row(*number, what, *values)
     return table
+
+
+def _whose(electroded: Sequence[str]) -> list[str]:
+    """The second line above the voltages of a path, if there are any."""
+    if not electroded:
+        return []
+    return [f"\n{electroded[0]}" if len(electroded) == 1 else "\nall"]
 
 
 def of_column(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from simulator.scenario import Problem, ScenarioError, ScenarioLike, load_scenar
 from simulator.scenario.keys import all_keys
 from simulator.scenario.mapping import near
 from simulator.sweep.lockstep import chunk
+from simulator.sweep.measures import in_units, titled, units_of
 from simulator.sweep.plan import Axis, Job, Recorded, as_recorded
 from simulator.sweep.rows import columns, play
 
@@ -28,9 +29,18 @@ class ManyRuns:
     """What became of many runs: the columns of a sweep's table, each an array (n_runs,).
 
     `runs["limit_point_1_voltage_active"]` is one of them; what they mean is in `docs/sweep.md`.
+
+    Attributes
+    ----------
+    columns : mapping of str to (n_runs,) array
+        Where the scenario has [scales], results are in SI units.
+    units : mapping of str to str
+        Of the columns that have one: "V", "Pa", "J"; of what was varied, which is without units, what it is a
+        multiple of, such as "μH/R". Empty without [scales].
     """
 
     columns: Mapping[str, NDArray[Any]]
+    units: Mapping[str, str] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         return self.columns[name]
@@ -39,10 +49,10 @@ class ManyRuns:
         return len(self.columns["run"])
 
     def to_dataframe(self) -> pd.DataFrame:
-        """All columns as a table, one row for each run."""
+        """All columns as a table, one row for each run, each with its unit in its title."""
         import pandas as pd
 
-        return pd.DataFrame(dict(self.columns))
+        return pd.DataFrame(dict(zip(titled(self.columns, self.units), self.columns.values(), strict=True)))
 
 
 def simulate_many(
@@ -55,14 +65,15 @@ def simulate_many(
     scenario : Scenario, path or mapping
         From `load_scenario`, or what that takes.
     values : mapping of str to array_like
-        For each key of the scenario that varies, such as "gas.ambient_pressure", a number for each run, all
-        arrays of one length, or one number for all.
+        For each key of the scenario that varies, such as "gas.ambient_pressure", a number without units for
+        each run, all arrays of one length, or one number for all.
     limit_points : int
         Of how many of them the voltages are recorded.
 
     Returns
     -------
     ManyRuns
+        In SI units, where the scenario has [scales].
 
     Raises
     ------
@@ -103,10 +114,13 @@ def simulate_many(
         version=__version__,
     )
     kinds = columns(job)
+    job = replace(job, units=units_of(scenario, job, kinds))
     audited = np.arange(_AUDITED // 2, len(runs), max(_AUDITED, len(runs) // _MOST_AUDITED)).tolist()
     rows = chunk.rows(job, 0, runs, audited, list(kinds), play)
-    table = zip(*rows, strict=True)
-    return ManyRuns({name: _column(kinds[name], cells) for name, cells in zip(kinds, table, strict=True)})
+    converted = in_units(job, list(kinds))
+    table = zip(*(converted(values, row) for values, row in zip(runs, rows, strict=True)), strict=True)
+    found = {name: _column(kinds[name], cells) for name, cells in zip(kinds, table, strict=True)}
+    return ManyRuns(found, job.units)
 
 
 def _column(kind: str, cells: tuple[Any, ...]) -> NDArray[Any]:
