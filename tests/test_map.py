@@ -266,7 +266,7 @@ def test_one_parameter_is_drawn_as_a_line(in_units):
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("voltage  [kV]", "largest field active [MV/m]")
     assert [line.get_xdata().tolist() for line in ax.get_lines()] == [[3.0, 5.5], [3.0, 5.5]]
     words = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert words == ["gas.ambient pressure = 100 kPa", "gas.ambient pressure = 120 kPa"]
+    assert words == ["ambient pressure = 100 kPa", "ambient pressure = 120 kPa"]
 
 
 def test_words_over_one_parameter_are_dots_in_their_rows(in_units):

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from simulator import trace, trace_inflation
 from simulator.results.history import EventKind, History, Outcome
 from simulator.results.plot import (
     COLOURS,
@@ -25,8 +26,11 @@ from simulator.results.plot import (
     plot_voltage,
     png,
 )
+from simulator.results.plot.curve import plot_curves
 from simulator.results.plot.lines import is_crowded, thinned
 from simulator.results.plot.loop import plot_charge_loop
+from simulator.results.plot.map import subject
+from simulator.results.plot.style import BLACK
 from simulator.scenario import load_scenario
 from simulator.simulation.run import simulate
 from tests.histories import cycled_pair, empty_pair, inflated_single, scenario, slack_pair
@@ -282,6 +286,39 @@ def test_the_area_of_the_charge_loop_that_is_drawn_is_the_loop_work_of_cycles_cs
         x, y = (np.asarray(part, dtype=float) for part in (line.get_xdata(), line.get_ydata()))
         drawn += np.nansum(0.5 * (x[1:] + x[:-1]) * np.diff(y))
     assert drawn == pytest.approx(written, rel=2e-4)  # chords are on the curve to that
+
+
+def test_cycles_that_do_not_repeat_are_told_apart():
+    creeps = {"maxwell": {"modulus": 0.6, "time": 3.0}}
+    wave = {"triangle": {"low": 0.0, "high": 0.35, "period": 1.5, "cycles": 4}}
+    slow = {"dynamics": {"relaxation_time": 0.05}, "output": {"points": 21}}
+    history = run(pair(0.9, wave, ambient=0.015, active=creeps, **slow))
+    figure = plot_history(history)
+    assert {"first cycle", "cycles between", "last cycle"} <= set(legend_labels(figure))
+    ax = plot_loop(history, axes())
+    (first,) = (line for line in ax.get_lines() if line.get_color() == BLACK)
+    *_, last = (line for line in lines(ax, "-") if line.get_linewidth() == 1.8)
+    ends = [history.stretch[history.cycle == number, 0].max() for number in (1, 4)]
+    assert [np.nanmax(line.get_ydata()) for line in (first, last)] == ends
+    again = run(pair(0.9, wave, ambient=0.015, output={"points": 21}))  # nothing creeps: all look alike
+    assert "first cycle" not in legend_labels(plot_history(again))
+
+
+def test_paths_and_maps_say_what_is_seen():
+    def title(curves):
+        return plot_curves(curves).axes[0].get_title()
+
+    curve = trace(SCENARIOS / "fig3c_state_b.toml")
+    assert title([curve]).endswith("\nequilibria: stretch of active over its voltage")
+    assert "\n2 paths of equilibria: " in title([curve, curve])
+    assert title([trace(SCENARIOS / "push_pull.toml")]).endswith("over the voltage on all films")
+    assert title([trace_inflation(SCENARIOS / "vhb_snap.toml")]).endswith(
+        "inflation of passive: radius over pressure"
+    )
+    assert subject("behaviour", "step.1.inflate", "balloon.*.radius", "gas.ambient_pressure") == (
+        "behaviour over inflation pressure and radius of all, a panel for each ambient pressure"
+    )
+    assert subject("landing_pressure", "step.2.ramp", None, None) == "landing pressure over voltage"
 
 
 def test_a_film_with_a_strength_shows_its_field_and_margin():

@@ -124,12 +124,12 @@ def draw_map(
             raise PickError(f"{'--fold' if fold else '--mark'}: goes with --y")
         lines = [fold_line(text, x, str(y), picked.units) for text in fold or ()]
         points = [point(text) for text in mark or ()]
-        name = picked.title if title is None else title
-        heading = f"{name}\n(unfinished: {picked.unfinished})" if picked.unfinished else name
 
         def figure() -> object:
-            from simulator.results.plot.map import MapCurve, MapMark, plot_lines, plot_map
+            from simulator.results.plot.map import MapCurve, MapMark, plot_lines, plot_map, subject
 
+            said = f"{picked.title}\n{subject(color, x, y, panels)}" if title is None else title
+            heading = f"{said}\n(unfinished: {picked.unfinished})" if picked.unfinished else said
             if y is None:
                 return plot_lines(
                     picked.columns, x, color, lines=panels, log=picked.log, title=heading, units=picked.units

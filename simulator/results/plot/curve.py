@@ -67,7 +67,8 @@ def plot_curves(curves: Sequence[Curve]) -> Figure:
     figure = Figure(figsize=(7.2, 5.2), layout="constrained")
     ax = plot_paths(curves, figure.add_subplot())
     # Titles are the user's words: a dollar sign in them is money, not mathematics.
-    ax.set_title(fill(curves[0].title, 70), parse_math=False, fontsize=12, fontweight="bold")
+    title = f"{fill(curves[0].title, 70)}\n{_subject(curves)}"
+    ax.set_title(title, parse_math=False, fontsize=12, fontweight="bold")
     figure.legend(handles=_legend(curves), loc="outside lower center", ncols=3, frameon=False)
     return figure
 
@@ -201,6 +202,18 @@ def _farthest(curve: Curve) -> float:
     x, y = _shown(curve)
     marked = [float(p.voltage[0]) if curve.electroded else p.pressure for p in curve.points[:-1]]
     return farthest_shown(x, y, marked, curve.end.kind)
+
+
+def _subject(curves: Sequence[Curve]) -> str:
+    """What is seen, in words."""
+    curve = curves[0]
+    name = curve.balloons[_balloon(curve)]
+    what = "radius" if curve.scales else "stretch"
+    if not curve.electroded:
+        return f"inflation of {name}: {what} over pressure"
+    count = "equilibria" if len(curves) == 1 else f"{len(curves)} paths of equilibria"
+    common = "the voltage on all films" if len(curve.electroded) > 1 else "its voltage"
+    return f"{count}: {what} of {name} over {common}"
 
 
 def _legend(curves: Sequence[Curve]) -> list[Artist]:

@@ -26,7 +26,15 @@ from simulator.results.plot.in_time import (
     plot_voltage,
 )
 from simulator.results.plot.lines import is_crowded
-from simulator.results.plot.loop import END_STYLE, plot_charge_loop, plot_loop, stops_between_events
+from simulator.results.plot.loop import (
+    BETWEEN,
+    END_STYLE,
+    FIRST,
+    cycles_differ,
+    plot_charge_loop,
+    plot_loop,
+    stops_between_events,
+)
 from simulator.results.plot.loops import last_of_branches
 from simulator.results.plot.style import BLACK, COLOURS, FAINT, GREY, THINNER, in_own_style, marker_style
 from simulator.results.record import ending
@@ -159,6 +167,11 @@ def _legend(history: History) -> list[Artist]:
         handles.append(Line2D([], [], color=BLACK, linewidth=1.5, label="voltage, the same on all"))
     if any(is_crowded(values) for values in stretch.T if values.size):
         handles.append(Patch(color=GREY, alpha=0.35, linewidth=0.0, label="range over many cycles"))
+    if cycles_differ(history):
+        handles.append(Line2D([], [], label="first cycle", **FIRST))
+        if len(history.cycles) > 2:
+            handles.append(Line2D([], [], color=GREY, label="cycles between", **BETWEEN))
+        handles.append(Line2D([], [], color=GREY, linewidth=1.8, label="last cycle"))
     kinds = Counter(event.kind for event in history.events)
     if _leaps(history):
         label = "snap or jump" if EventKind.JUMP in kinds else "snap"

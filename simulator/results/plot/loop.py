@@ -21,6 +21,7 @@ from simulator.results.plot.loops import (
     moving,
     polyline,
     span,
+    told_apart,
     travelled,
 )
 from simulator.results.plot.style import BLACK, FAINT, THINNER, arrowhead, dress, mark
@@ -29,6 +30,7 @@ from simulator.units import ENERGY, with_prefix
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from numpy.typing import NDArray
 
     from simulator.results.history import Event, FloatArray, History
 
@@ -43,6 +45,10 @@ END_STYLE: dict[str, Any] = {
     "linestyle": "none",
     "zorder": 4,
 }
+
+# Of cycles that do not repeat.
+FIRST: dict[str, Any] = {"color": BLACK, "linewidth": 1.0}
+BETWEEN: dict[str, Any] = {"linewidth": 0.8, "alpha": 0.4}
 
 SHORTEST_ARROW = 0.05  # of the panel; a shorter arrow is all head
 
@@ -103,6 +109,15 @@ def plot_loop(history: History, ax: Axes, *, balloon: str | None = None, colour:
     return dress(ax)
 
 
+def cycles_differ(history: History) -> bool:
+    """Whether in some loop the first and the last cycle are told apart."""
+    for place, name in enumerate(history.electroded):
+        x, y = history.voltage[:, place], history.stretch[:, history.balloons.index(name)]
+        if len(history) and told_apart(history, x, y, np.array([span(x), span(y)])) is not None:
+            return True
+    return False
+
+
 def plot_charge_loop(history: History, ax: Axes, *, balloon: str | None = None) -> Axes:
     """Draw charge over voltage of one balloon's electrodes, with jumps dashed; its area is the work.
 
@@ -143,14 +158,20 @@ def plot_charge_loop(history: History, ax: Axes, *, balloon: str | None = None) 
 def _draw_path(history: History, x: FloatArray, y: FloatArray, ax: Axes, colour: str) -> None:
     """Draw where a history went in the plane of two quantities, with its direction, and its jumps dashed."""
     spans = np.array([span(x), span(y)])
+    told = told_apart(history, x, y, spans)
     kept = moving(x, y, history.branch, spans)
     x, y, branch = x[kept], y[kept], history.branch[kept]
-    new = first_passages(x, y, branch, spans)
     lost = lost_rows(history)[kept][:-1]
-    ax.plot(*polyline(x, y, new & ~lost), color=colour, linewidth=1.8, solid_capstyle="round")
-    if lost.any():
-        ax.plot(*polyline(x, y, new & lost), color=colour, linewidth=1.8 * THINNER, alpha=FAINT)
-    for start, end in travelled(x, y, new, spans):
+    shown = np.zeros(max(x.size - 1, 0), dtype=bool)
+    for among, style in _phases(history, kept, told):
+        new = first_passages(x, y, branch, spans, among)
+        look = {"color": colour, "linewidth": 1.8, "solid_capstyle": "round", **style}
+        ax.plot(*polyline(x, y, new & ~lost), **look)
+        if (new & lost).any():
+            faint = {"linewidth": THINNER * look["linewidth"], "alpha": FAINT}
+            ax.plot(*polyline(x, y, new & lost), **{**look, **faint})
+        shown |= new if "alpha" not in style else False
+    for start, end in travelled(x, y, shown, spans):
         arrowhead(start, end, ax, colour)
     at_once = [event.time for event in history.events if event.kind is EventKind.JUMP]
     first_the_drive = np.isin(history.time[kept], at_once)
@@ -158,6 +179,21 @@ def _draw_path(history: History, x: FloatArray, y: FloatArray, ax: Axes, colour:
         ax.plot(*zip(before, corner, after, strict=True), color=colour, linewidth=1.2, linestyle="--")
         if dist(corner / spans, after / spans) > SHORTEST_ARROW:
             arrowhead(corner, after, ax, colour)
+
+
+def _phases(
+    history: History, kept: NDArray[np.bool_], told: tuple[int, int] | None
+) -> list[tuple[NDArray[np.bool_] | None, dict[str, Any]]]:
+    """Parts of a loop that look different, each as a choice of segments and its style.
+
+    Where cycles do not repeat the first is thin and black, the last as usual, and those between are faint.
+    """
+    if told is None:
+        return [(None, {})]
+    cycle = history.cycle[kept][1:]
+    first, last = (cycle == number for number in told)
+    outside = cycle == 0
+    return [(~(first | last | outside), BETWEEN), (outside, {}), (first, FIRST), (last, {})]
 
 
 def _distinct_marks(history: History, shown: _Shown, spans: FloatArray) -> list[tuple[EventKind, Point]]:

@@ -13,13 +13,15 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from simulator.results.history import FloatArray
+    from simulator.results.history import FloatArray, History
 
     BoolArray = NDArray[np.bool_]
     IntArray = NDArray[np.int64]
     Point = tuple[float, float]
 
 MOST_ARROWS = 8
+_PHASES = 201  # of a cycle, at which it is compared with another
+_ALIKE = 0.005  # of the panel: cycles that differ by less look alike
 GRID = 1000  # a loop's points closer than 1/1000 of its height or width are one point
 
 
@@ -48,15 +50,38 @@ def cells(x: FloatArray, y: FloatArray, spans: FloatArray) -> IntArray:
     return np.round(np.column_stack([x, y]) / spans * GRID).astype(np.int64)
 
 
-def first_passages(x: FloatArray, y: FloatArray, branch: IntArray, spans: FloatArray) -> BoolArray:
-    """Which segments, (n − 1,), are on one branch and were not passed before, to within the grid."""
+def first_passages(
+    x: FloatArray, y: FloatArray, branch: IntArray, spans: FloatArray, among: BoolArray | None = None
+) -> BoolArray:
+    """Which segments, (n − 1,), are on one branch and were not passed before, to within the grid.
+
+    `among` is (n − 1,) and says which of them are looked at, by default all.
+    """
     places = cells(x, y, spans)
-    steps = np.column_stack([places[:-1], places[1:]])
-    first = np.zeros(len(steps), dtype=bool)
+    looked_at = np.arange(len(places) - 1) if among is None else np.flatnonzero(among)
+    steps = np.column_stack([places[looked_at], places[looked_at + 1]])
+    first = np.zeros(max(len(places) - 1, 0), dtype=bool)
     if len(steps):
-        first[np.unique(steps, axis=0, return_index=True)[1]] = True
+        first[looked_at[np.unique(steps, axis=0, return_index=True)[1]]] = True
     same_branch = np.diff(branch) == 0
     return np.asarray(first & same_branch)
+
+
+def told_apart(history: History, x: FloatArray, y: FloatArray, spans: FloatArray) -> tuple[int, int] | None:
+    """The first and the last complete cycle, where they do not look alike; None where they do.
+
+    They are compared at equal shares of their time, but for the few at which one of them jumps.
+    """
+    whole = [cycle for cycle in history.cycles if cycle.complete]
+    if len(whole) < 2:
+        return None
+    shares = np.linspace(0.0, 1.0, _PHASES)
+    first, last = (
+        np.column_stack([np.interp(c.start + shares * (c.end - c.start), history.time, v) for v in (x, y)])
+        for c in (whole[0], whole[-1])
+    )
+    apart = np.abs((last - first) / spans).max(axis=1)
+    return (whole[0].number, whole[-1].number) if np.quantile(apart, 0.9) > _ALIKE else None
 
 
 def travelled(x: FloatArray, y: FloatArray, drawn: BoolArray, spans: FloatArray) -> list[tuple[Point, Point]]:

@@ -169,7 +169,7 @@ def plot_map(
     if painter.categories is None:
         figure.colorbar(drawn, ax=list(axes[: len(shown)]), label=words(color, units))
     # Titles are the user's words: a dollar sign in them is money, not mathematics.
-    figure.suptitle(fill(title, 80), parse_math=False, fontsize=12, fontweight="bold")
+    figure.suptitle(_filled(title), parse_math=False, fontsize=12, fontweight="bold")
     return figure
 
 
@@ -259,6 +259,11 @@ def _draw_panel(
     return drawn
 
 
+def _filled(title: str) -> str:
+    """A title with its lines filled, each by itself."""
+    return "\n".join(fill(line, 80) for line in title.splitlines())
+
+
 def _ends(values: FloatArray, log: bool) -> FloatArray:
     """Where an axis begins and ends: with the cells of these values."""
     return _edges(np.unique(values), log)[[0, -1]]
@@ -275,16 +280,19 @@ def _edges(centres: FloatArray, log: bool) -> FloatArray:
     return np.exp(edges) if log else edges
 
 
+def subject(color: str, x: str, y: str | None, panels: str | None) -> str:
+    """What a map shows, in words: "behaviour over inflation pressure and radius of passive"."""
+    over = _plain(x) if y is None else f"{_plain(x)} and {_plain(y)}"
+    each = "" if panels is None else f", a {'line' if y is None else 'panel'} for each {_plain(panels)}"
+    return f"{_plain(color)} over {over}{each}"
+
+
 def words(key: str, units: Mapping[str, str]) -> str:
     """A column in words, with its unit, or where it has none with what it is a multiple of."""
     unit = f" [{units[key]}]" if key in units else ""
-    if key == "gas.ambient_pressure":
-        return f"ambient pressure {unit or f' {PRESSURE}'}"
-    if re.fullmatch(r"step\.\d+\.inflate", key):
-        return f"inflation pressure {unit or f' {PRESSURE}'}"
-    if re.fullmatch(r"step\.\d+\.(ramp|jump)", key):
-        return f"voltage {unit or f' {VOLTAGE}'}"
-    return _plain(key) + unit
+    symbols = {"ambient pressure": PRESSURE, "inflation pressure": PRESSURE, "voltage": VOLTAGE}
+    plain = _plain(key)
+    return f"{plain} {unit or f' {symbols[plain]}'}" if plain in symbols else plain + unit
 
 
 def _value(key: str, value: Any, units: Mapping[str, str]) -> str:
@@ -297,6 +305,11 @@ def _plain(key: str) -> str:
     found = re.fullmatch(r"balloon\.(.+)\.(radius|thickness|modulus|permittivity)", key)
     if found:
         return f"{found[2]} of {'all' if found[1] == '*' else found[1]}"
+    if key == "gas.ambient_pressure":
+        return "ambient pressure"
+    step = re.fullmatch(r"step\.\d+\.(inflate|ramp|jump)", key)
+    if step:
+        return "inflation pressure" if step[1] == "inflate" else "voltage"
     return key.replace("_", " ")
 
 
@@ -358,5 +371,5 @@ def plot_lines(
     ax.set_xlabel(words(x, units))
     if lines is not None:
         figure.legend(loc="outside lower center", ncols=min(len(each), 4), frameon=False, fontsize=9)
-    figure.suptitle(fill(title, 80), parse_math=False, fontsize=12, fontweight="bold")
+    figure.suptitle(_filled(title), parse_math=False, fontsize=12, fontweight="bold")
     return figure
