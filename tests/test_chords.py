@@ -83,8 +83,8 @@ def test_chords_of_a_path_are_on_the_curve_of_the_closed_form(radius):
 
 def test_a_noisy_recording_has_chords_on_the_curve(tmp_path):
     rng = np.random.default_rng(3)
-    times = np.arange(60.0)
-    voltage = np.abs(0.4 * np.sin(times / 9.0) + 0.01 * rng.normal(size=times.size))
+    times = np.arange(40.0)
+    voltage = np.abs(0.4 * np.sin(times / 6.0) + 0.01 * rng.normal(size=times.size))
     voltage[0] = 0.0
     path = tmp_path / "noisy.csv"
     rows = zip(times.tolist(), voltage.tolist(), strict=True)
@@ -97,6 +97,28 @@ def test_a_noisy_recording_has_chords_on_the_curve(tmp_path):
         scenario, history.voltage[begun, 0], history.stretch[begun], history.pressure[begun], joined
     )
     assert worst < CHORD
+
+
+def test_a_delayed_snap_has_chords_on_its_curve():
+    """Over time and over voltage, against five thousand samples."""
+    slow = {"ambient": 0.015, "dynamics": {"relaxation_time": 0.002}, "shape": {"on_loss": "ignore"}}
+    few, many = (simulate(pair(1.2, UP, DOWN, **slow, output={"points": n})) for n in (2, 5001))
+    rows = [np.column_stack([h.time, h.voltage, h.stretch, h.pressure, h.charge]) for h in (few, many)]
+    spans = np.ptp(rows[1], axis=0)
+    for along in (0, 1):
+        for what in range(2, rows[0].shape[1]):
+            coarse, fine = (one[:, [along, what]] / spans[[along, what]] for one in rows)
+            assert _apart(coarse, few.time, fine, many.time) < CHORD
+
+
+def _apart(coarse, times, fine, when):
+    """How far points of a curve are from a polyline, in the pieces that have their times."""
+    piece = np.clip(np.searchsorted(times, when, side="right") - 1, 0, times.size - 2)
+    start, chord = coarse[piece], coarse[piece + 1] - coarse[piece]
+    ahead = fine - start
+    length = np.maximum(np.einsum("ij,ij->i", chord, chord), 1e-30)
+    share = np.clip(np.einsum("ij,ij->i", ahead, chord) / length, 0.0, 1.0)
+    return float(np.linalg.norm(ahead - share[:, None] * chord, axis=1).max())
 
 
 def test_how_many_chords_a_circle_needs():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from simulator import simulate
 from simulator.results.columns import cycle_columns
@@ -11,7 +12,7 @@ from simulator.results.tables import write_run
 from simulator.scenario import load_scenario
 from simulator.scenario.cycles import counted
 from tests.oracle.closed_form import SealedPair, reference_history
-from tests.pairs import pair, run, single
+from tests.pairs import gent_force, pair, run, single
 from tests.test_until import actuators
 from tests.test_waves import apart, sine
 
@@ -253,3 +254,56 @@ def test_largest_values_are_found_on_a_branch_that_ends_as_soon_as_it_begins() -
     assert (snap.kind.value, snap.step) == ("limit_point", 2)
     assert snap.stretch_before[1] == pytest.approx(1.39722655, abs=1e-6)
     assert history.extremes.largest_stretch[1] == pytest.approx(history.stretch[:, 1].max(), abs=1e-9)
+
+
+# -- in real time -------------------------------------------------------------------------------------
+
+
+def extremes_of(history):
+    wholes = [history.extremes, *(cycle.extremes for cycle in history.cycles)]
+    names = ("largest_stretch", "smallest_stretch", "largest_field", "smallest_field")
+    return [getattr(one, name) for one in wholes for name in names]
+
+
+WAVES = [
+    {"triangle": {"low": 0.0, "high": 0.35, "period": 1.5, "cycles": 2}},
+    {"sine": {"mean": 0.15, "amplitude": 0.15, "period": 1.5, "cycles": 2.3}},
+]
+
+
+@pytest.mark.parametrize("wave", WAVES)
+def test_in_motion_extremes_do_not_depend_on_samples(wave):
+    """A balloon that lags behind its voltage is largest after the peak, between samples."""
+    more = {"ambient": 0.015, "dynamics": {"relaxation_time": 0.3}, "active": {"breakdown": {"field": 5.0}}}
+    few, many = (run(pair(0.9, wave, **more, output={"points": n})) for n in (2, 201))
+    for one, other in zip(extremes_of(few), extremes_of(many), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9)
+    assert few.closest[0].margin == pytest.approx(many.closest[0].margin, abs=1e-9)
+    assert few.extremes.largest_stretch[0] > few.stretch[:, 0].max() + 1e-5  # not among the samples
+    assert few.cycles_to_dataframe().shape == many.cycles_to_dataframe().shape
+
+
+def test_in_motion_extremes_are_those_of_another_integrator():
+    tau, ambient, inflation = 0.3, 0.015, 0.9
+    wave = {"sine": {"mean": 0.15, "amplitude": 0.15, "period": 1.5, "cycles": 1}}
+    slow = {"dynamics": {"relaxation_time": tau}, "output": {"points": 2}}
+    history = run(pair(inflation, wave, ambient=ambient, **slow))
+    sealed = history.stretch[history.step == 1][-1]
+    gas = (history.pressure[history.step == 1][-1] + ambient) * (sealed**3).sum()
+
+    def voltage(t):
+        return 0.15 + 0.15 * np.sin(2.0 * np.pi * t / 1.5)
+
+    def rates(t, x):
+        pressure = gas / (x**3).sum() - ambient
+        loads = pressure * x**2 + np.array([2.0 * voltage(t) ** 2 * x[0] ** 3, 0.0])
+        return -(gent_force(x) - loads) / tau
+
+    again = solve_ivp(rates, (0.0, 1.5), sealed, method="DOP853", rtol=1e-12, atol=1e-13, dense_output=True)
+    times = np.linspace(0.0, 1.5, 200_001)
+    stretch = again.sol(times)
+    (cycle,) = history.cycles
+    np.testing.assert_allclose(cycle.extremes.largest_stretch, stretch.max(axis=1), rtol=3e-9)
+    np.testing.assert_allclose(cycle.extremes.smallest_stretch, stretch.min(axis=1), rtol=3e-9)
+    field = voltage(times) * stretch[0] ** 2
+    assert cycle.extremes.largest_field[0] == pytest.approx(field.max(), rel=3e-9)

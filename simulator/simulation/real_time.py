@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,11 +11,14 @@ from numpy.typing import NDArray
 
 from simulator.events import SHAPE_EVENTS, EventKind
 from simulator.model.conditions import stability_in_motion
-from simulator.model.drive import Leg, VoltageLine, Waveform, Way
+from simulator.model.drive import Leg, VoltageLine, Way
 from simulator.model.groups import Group
 from simulator.model.viscoelastic import AnyBranch, LinearBranch, NewtonianBranch
+from simulator.scenario import duration
 from simulator.simulation import motion
 from simulator.simulation.atlas import is_empty, loses_tension
+from simulator.simulation.chords import Ranges
+from simulator.simulation.in_motion import Drive, PassageStates, closer, extremes, smooth_parts
 from simulator.simulation.legs import SAME_INSTANT
 from simulator.simulation.present import Samples, Snapshot
 from simulator.simulation.sampling import sample_fractions
@@ -35,8 +37,6 @@ if TYPE_CHECKING:
     from simulator.simulation.until import Watch
 
 FloatArray = NDArray[np.float64]
-# v and dv/dt at a time since a part of a leg began.
-Drive = Callable[[float], tuple[float, float]]
 
 _BEYOND = 1e-9  # a margin so far below zero is not one of rounding
 _SOON = 1e-4  # of a part of a leg: where it is seen which way voltages go
@@ -54,6 +54,8 @@ class RealTime:
         self.effort = Effort()
         self.shapes = None if scenario.shape.on_loss == "ignore" else ShapeWatch()
         self.material = material_of(scenario)
+        self.ranges = None if scenario.output.on_grid else Ranges()
+        self.lasts = sum(duration(step) for step in scenario.played_steps()) or 1.0
         self.no_pressure = _SLACK * scenario.gas.ambient_pressure
         record.present.own = self.material.at_rest()
         record.material = self.material if self.material.slots else None
@@ -135,7 +137,10 @@ class RealTime:
             wanted = np.full(times.size, True)
             wanted[0], wanted[-1] = False, bool(at_end.any())  # the first is here already
             states = PassageStates(passage, flow, leg.way, drive)
-            self._record(states, times, start + marks * lasts, wanted)
+            place = np.searchsorted(times, passage.time)
+            clock, wanted = (start + marks * lasts)[place], wanted[place]
+            self._extremes(states, clock[0])
+            self._record(*self._closer(states, clock, wanted))
             turns = lasts * (self._turns(leg, begin, end) - begin)
             self._book(states, before, own_before, turns.tolist(), start + lasts * begin)
             if passage.ended:
@@ -198,19 +203,43 @@ class RealTime:
                     return EventKind(condition.kind)
         return None
 
-    def _record(
-        self, states: PassageStates, times: FloatArray, clock: FloatArray, wanted: NDArray[np.bool_]
-    ) -> None:
+    def _extremes(self, states: PassageStates, begins: float) -> None:
+        """Note where in a passage, that begins at a time, something is largest or smallest."""
+        cycles = self.record.cycles
+        times, stretch = extremes(
+            states, self.record.present.device, lambda times: cycles.numbers(begins + times)
+        )
+        if times.size:
+            nothing = np.full(times.size, np.nan)
+            found = Samples(stretch, nothing, states.voltage(times))
+            self.record.between_samples(begins + times, found)
+
+    def _closer(
+        self, states: PassageStates, clock: FloatArray, wanted: NDArray[np.bool_]
+    ) -> tuple[PassageStates, FloatArray, NDArray[np.bool_]]:
+        """A passage with samples where curves bend, what time it is at its times, and which are samples."""
+        if self.ranges is None:
+            return states, clock, wanted
+        passage, device = states.passage, self.record.present.device
+        chord, steps = self.scenario.output.chord, clock[0] + passage.steps.time
+        places = closer(states, wanted, steps / self.lasts, device, self.ranges, chord)
+        at = np.searchsorted(passage.time, passage.steps.time[places])
+        return (
+            replace(states, passage=passage.with_steps(places)),
+            np.insert(clock, at, steps[places]),
+            np.insert(wanted, at, True),
+        )
+
+    def _record(self, states: PassageStates, clock: FloatArray, wanted: NDArray[np.bool_]) -> None:
         """Samples and events of a passage in order of time.
 
         `clock` says what time it is at the times of the passage, `wanted` which of them are samples.
         """
         present, passage = self.record.present, states.passage
-        place = np.searchsorted(times, passage.time)
         read = 1
         for passed in passage.passed:
             upto = int(np.searchsorted(passage.time, passed.time))
-            self._samples(states, [k for k in range(read, upto) if wanted[place[k]]], clock[place])
+            self._samples(states, [k for k in range(read, upto) if wanted[k]], clock)
             read = max(read, upto)
             present.time = float(clock[0] + passed.time)
             here = states.of(passed.stretch[None], passed.own[None], [passed.time]).last
@@ -222,8 +251,8 @@ class RealTime:
                 self.record.event(EventKind(passed.kind), here)
                 break  # what equal balloons do at the same instant is said once
         if not passage.ended:
-            rows = [k for k in range(read, passage.time.size) if wanted[place[k]]]
-            self._samples(states, rows, clock[place])
+            rows = [k for k in range(read, passage.time.size) if wanted[k]]
+            self._samples(states, rows, clock)
             present.time = float(clock[-1])
             present.take(states.of(passage.stretch[-1:], passage.own[-1:], passage.time[-1:]).last)
 
@@ -294,26 +323,6 @@ class RealTime:
         return work if len(self.books.electroded) == 1 else np.nan
 
 
-@dataclass(frozen=True)
-class PassageStates:
-    """What became of the balloons over a part of a leg, and how the drive moved meanwhile."""
-
-    passage: Passage
-    flow: Flow
-    way: Way
-    drive: Drive
-
-    def of(self, stretch: FloatArray, own: FloatArray, times: Sequence[float] | FloatArray) -> Samples:
-        """The states of stretches (n, n_balloons) and own unknowns (n, n_own) at n times of the passage."""
-        v = np.array([self.drive(float(t))[0] for t in times])
-        group = self.flow.groups[0]
-        pressure = [
-            float(group.equations.pressure(self.flow.state(group, x.tolist(), at)))
-            for x, at in zip(stretch, v.tolist(), strict=True)
-        ]
-        return Samples(stretch, np.array(pressure), self.way.at(v), own)
-
-
 def material_of(scenario: Scenario) -> Material:
     """How a scenario's balloons take their time."""
     dynamics = scenario.dynamics
@@ -330,30 +339,3 @@ def _branches(balloon: Balloon) -> Iterator[AnyBranch]:
     for branch in balloon.branches:
         kind = LinearBranch if branch.flow == "linear" else NewtonianBranch
         yield kind(branch.modulus, branch.time, weight)
-
-
-def smooth_parts(waveform: Waveform, lasts: float) -> list[tuple[float, float, Drive]]:
-    """Parts of a leg on which the drive is smooth: from and to which fraction of it, and the drive.
-
-    The drive gives v and dv/dt at a time since the part began.
-    """
-    if waveform.shape == "sine":
-        mean, amplitude, cycles = waveform.wave
-        rate = 2.0 * np.pi * cycles / lasts
-
-        def wave(t: float) -> tuple[float, float]:
-            return (
-                float(mean + amplitude * np.sin(rate * t)),
-                float(amplitude * rate * np.cos(rate * t)),
-            )
-
-        return [(0.0, 1.0, wave)]
-
-    def straight(v0: float, speed: float) -> Drive:
-        return lambda t: (v0 + speed * t, speed)
-
-    corners = zip(waveform.fractions.tolist(), waveform.values.tolist(), strict=True)
-    return [
-        (t0, t1, straight(v0, (v1 - v0) / ((t1 - t0) * lasts)))
-        for (t0, v0), (t1, v1) in itertools.pairwise(corners)
-    ]

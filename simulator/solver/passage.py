@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from simulator.model.parts import Numbers, Part
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -99,6 +100,20 @@ class Passed:
     mode: str = ""
 
 
+class Steps(NamedTuple):
+    """What the integrator went through between the times that it was asked for, m steps.
+
+    `time` (m,) and the rest as in `Passage`.
+    """
+
+    time: FloatArray
+    stretch: FloatArray
+    own: FloatArray
+    books: FloatArray
+    work: FloatArray
+    friction: FloatArray
+
+
 @dataclass(frozen=True)
 class Passage:
     """What became of the balloons over a stretch of time.
@@ -117,6 +132,8 @@ class Passage:
     passed : tuple of Passed
         Limit points and changes of shape in order of time; and what ended it, if anything did.
     ended : bool
+    steps : Steps
+        Of the integrator, which do not depend on the times asked for.
     """
 
     time: FloatArray
@@ -127,3 +144,16 @@ class Passage:
     friction: FloatArray
     passed: tuple[Passed, ...]
     ended: bool
+    steps: Steps
+
+    def with_steps(self, places: IntArray) -> Passage:
+        """The same with some steps of the integrator among its times."""
+        steps = self.steps
+        at = np.searchsorted(self.time, steps.time[places])
+        return replace(
+            self,
+            **{
+                name: np.insert(getattr(self, name), at, getattr(steps, name)[places], axis=0)
+                for name in steps._fields
+            },
+        )

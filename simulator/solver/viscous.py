@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from simulator.model.groups import Group
 from simulator.solver.ida import Course, Effort, IntegrationError, System, integrate
 from simulator.solver.margins import Shapes, watched
-from simulator.solver.passage import Material, Passage, Passed, Slot
+from simulator.solver.passage import Material, Passage, Passed, Slot, Steps
 
 FloatArray = NDArray[np.float64]
 
@@ -211,8 +211,14 @@ class Flow:
         def even(values: list[float]) -> list[float]:
             return _evened(values, equals) if equals else values
 
+        # IDA looks at the margins at its steps, and at the times asked for.
+        gone: list[tuple[float, list[float]]] = []
+
         def margins(t: float, values: list[float], speeds: list[float]) -> list[float]:
             v, values = drive(t)[0], even(values)
+            if t == times[0]:
+                gone.clear()  # begun anew
+            gone.append((t, values))
             return [one.margin(values, v) for one in seen]
 
         def jacobian(t: float, values: list[float], speeds: list[float], cj: float) -> list[list[float]]:
@@ -261,8 +267,15 @@ class Flow:
         kept = np.isin(course.time, times) & (course.time < end) | (course.time == end)
         kept[-1] = True  # where it ended
         y = np.array([even(state) for state in course.states[kept].tolist()])
-        parts = y[:, self._own], y[:, states:-2]
-        return Passage(course.time[kept], y[:, : self.count], *parts, y[:, -2], y[:, -1], passed, ended)
+
+        def split(y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+            return y[:, : self.count], y[:, self._own], y[:, states:-2], y[:, -2], y[:, -1]
+
+        asked_for = set(times.tolist())
+        own_steps = sorted((t, y) for t, y in gone if times[0] < t < end and t not in asked_for)
+        steps = np.array([y for _, y in own_steps]).reshape(-1, start.size)
+        went = Steps(np.array([t for t, _ in own_steps]), *split(steps))
+        return Passage(course.time[kept], *split(y), passed, ended, went)
 
     def _equals(self, stretch: Sequence[float], own: Sequence[float]) -> list[list[int]]:
         """Places of unknowns that stay equal: of equal balloons that are alike, and of their parts."""
