@@ -51,6 +51,7 @@ if TYPE_CHECKING:
         Question,
         Sweep,
         SweepResult,
+        Uncertainty,
         load_sweep,
         load_table,
         optimize,
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
         read_sweep,
         run_sweep,
         simulate_many,
+        uncertainty,
     )
 
 __version__ = "0.1.0"
@@ -98,6 +100,7 @@ __all__ = [
     "SweepResult",
     "Threshold",
     "Transition",
+    "Uncertainty",
     "UnloadedPath",
     "Unloading",
     "UnloadingMap",
@@ -128,6 +131,7 @@ __all__ = [
     "trace",
     "trace_all",
     "trace_inflation",
+    "uncertainty",
     "unload",
     "unload_map",
 ]
@@ -169,6 +173,7 @@ _NAMES = {
         "Question",
         "Sweep",
         "SweepResult",
+        "Uncertainty",
         "load_sweep",
         "load_table",
         "optimize",
@@ -176,6 +181,7 @@ _NAMES = {
         "read_sweep",
         "run_sweep",
         "simulate_many",
+        "uncertainty",
     ),
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}

@@ -8,8 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,6 +18,10 @@ from simulator.cli.endings import BAD_INPUT, SOLVER_FAILED, errors_reported, fai
 from simulator.cli.options import Quiet, SweepArgument, results_option
 from simulator.cli.pictures import Format, FormatOption, draw
 from simulator.cli.summary import print_files
+
+if TYPE_CHECKING:
+    from simulator.sweep import Sweep
+    from simulator.sweep.quantiles import Uncertainty
 
 
 def sweep(
@@ -45,6 +50,7 @@ def sweep(
 ) -> None:
     """Play a scenario once for each point of a grid or a sample; write sweep.csv and sweep.parquet."""
     from simulator.cli.summary_sweep import summarise_sweep, sweep_progress
+    from simulator.cli.summary_uncertainty import summarise_uncertainty
     from simulator.cli.summary_units import print_bare
     from simulator.scenario import load_scenario
     from simulator.sweep import ExecutorError, read_sweep, run_sweep
@@ -66,9 +72,21 @@ def sweep(
                 )
         except ExecutorError as error:
             fail(f"{error}\n{_kept(directory)}", SOLVER_FAILED)
+        spread = _uncertainty(read, directory) if read.sample else None
         if not quiet:
             summarise_sweep(read.title, result, *tally(stored(directory)))
+            if spread is not None:
+                summarise_uncertainty(*spread)
             print_bare(load_scenario(read.job.scenario))
+
+
+def _uncertainty(sweep: Sweep, directory: Path) -> tuple[Uncertainty, list[Path]]:
+    """What a sample says, and its files."""
+    from simulator.sweep.indices import sobol_indices_of
+    from simulator.sweep.quantiles import uncertainty
+
+    found = replace(uncertainty(directory), indices=sobol_indices_of(sweep))
+    return found, found.to_csv(directory)
 
 
 def draw_map(

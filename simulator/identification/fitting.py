@@ -33,7 +33,7 @@ _MOST_ROUNDS, _SETTLED = 12, 1e-4  # of estimating standard deviations; a relati
 _FIRST_GUESS = 0.05  # of the range of a column: its standard deviation before anything is known
 _FAR = 1e3  # times the residuals at the start: those of values without a history
 _OF_MEDIAN = 1.4826  # standard deviation over median amount, of normal residuals
-_TOLERANCE = 1e-8
+_TOLERANCE = 1e-7
 _MOST_CALLS = 200  # of the model for each free number
 
 
@@ -63,7 +63,7 @@ class Residuals:
     sigma: list[FloatArray]
     progress: Callable[[int], None] | None = None
     far: FloatArray | None = None
-    known: dict[tuple[float, ...], FloatArray] = field(default_factory=dict)
+    known: dict[tuple[float, ...], list[Predicted]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, problem: FitProblem, progress: Callable[[int], None] | None = None) -> Residuals:
@@ -76,23 +76,17 @@ class Residuals:
 
     def predicted(self, values: Mapping[str, float]) -> list[Predicted]:
         """What is compared with the data. Raises Unplayable."""
-        if self.progress is not None:
-            self.progress(self.model.played)
-        return self.model.predict(values, [1.0 / sigma for sigma in self.sigma])
+        place = tuple(values.values())
+        if place not in self.known:
+            if self.progress is not None:
+                self.progress(self.model.played)
+            self.known[place] = self.model.predict(values, [1.0 / sigma for sigma in self.sigma])
+        return self.known[place]
 
     def at(self, values: Mapping[str, float]) -> FloatArray:
         """(data − model)/sigma of all values in one array. Raises Unplayable."""
-        place = tuple(values.values())
-        if place not in self.known:
-            self.known[place] = np.concatenate(
-                [
-                    ((one.values - found.values) / sigma).ravel()
-                    for one, found, sigma in zip(
-                        self.problem.measured, self.predicted(values), self.sigma, strict=True
-                    )
-                ]
-            )
-        return self.known[place]
+        parts = zip(self.problem.measured, self.predicted(values), self.sigma, strict=True)
+        return np.concatenate([((one.values - found.values) / sigma).ravel() for one, found, sigma in parts])
 
     def __call__(self, parameters: Any) -> FloatArray:
         """Residuals for lmfit; large ones where there is no history."""
@@ -140,7 +134,8 @@ class Residuals:
     def weighed_by(self, sigma: list[FloatArray]) -> None:
         """Go on with other standard deviations."""
         self.sigma = sigma
-        self.known.clear()
+        if any(len(one.y) > 1 for one in self.problem.measured):  # by which rows are put on branches
+            self.known.clear()
 
 
 def step_of(free: FreeNumber, value: float) -> float:

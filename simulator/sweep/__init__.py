@@ -11,6 +11,7 @@ from simulator.sweep.lockstep.chunk import DisagreementError
 from simulator.sweep.lockstep.many import ManyRuns, simulate_many
 from simulator.sweep.optimum import Optimum, Question, optimize, read_question
 from simulator.sweep.plan import Sweep
+from simulator.sweep.quantiles import Uncertainty, uncertainty
 from simulator.sweep.reading import read_sweep
 from simulator.sweep.running import ExecutorError, SweepResult, run_sweep
 
@@ -23,6 +24,7 @@ __all__ = [
     "Question",
     "Sweep",
     "SweepResult",
+    "Uncertainty",
     "load_sweep",
     "load_table",
     "optimize",
@@ -30,4 +32,5 @@ __all__ = [
     "read_sweep",
     "run_sweep",
     "simulate_many",
+    "uncertainty",
 ]

@@ -251,6 +251,10 @@ def read_question(source: QuestionLike) -> Question:
         data["record"] = {**data.get("record", {}), "shapes": True}
     # Intervals, as for a sample; of a sweep's own words nothing else changes.
     sweep = read_sweep({**data, "sample": {"method": "random", "size": 1}}, file=file)
+    spread = [axis.key for axis in sweep.axes if axis.spread is not None]
+    if spread:
+        said = "must be an interval such as { from = 0.1, to = 1 }: searched through"
+        raise ScenarioError(file, *(Problem(f'vary."{key}"', None, said) for key in spread))
     kinds = columns(sweep.job)
     numbers = {name: 0.0 for name, kind in kinds.items() if kind in ("number", "whole")}
     asked = {"maximize": read.maximize, "minimize": read.minimize}

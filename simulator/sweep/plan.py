@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.scenario import Scenario, until_of
+from simulator.sweep.spread import Spread, correlated
 
 FloatArray = NDArray[np.float64]
 
@@ -37,6 +38,8 @@ class Axis:
         Whether an interval is drawn from evenly in the logarithm.
     folder : str
         Where the values, which are paths, start; "" for the current directory and for what is no path.
+    spread : Spread or None
+        What samples are drawn from, where that is no interval; `values` then are two of its quantiles.
     """
 
     key: str
@@ -44,6 +47,7 @@ class Axis:
     unit: str = ""
     log: bool = False
     folder: str = ""
+    spread: Spread | None = None
 
     @property
     def kind(self) -> str:
@@ -53,7 +57,12 @@ class Axis:
         return "truth" if any(isinstance(value, bool) for value in self.values) else "number"
 
     def at(self, share: FloatArray | float) -> FloatArray:
-        """The values at some shares of an interval, from 0 at its start to 1 at its end; the same shape."""
+        """The values at some shares of an interval or a spread, from 0 at its start to 1 at its end.
+
+        The same shape.
+        """
+        if self.spread is not None:
+            return self.spread.at(share)
         low, high = (float(value) for value in self.values)
         if self.log:
             low, high = np.log(low), np.log(high)
@@ -69,11 +78,24 @@ class Axis:
 
 @dataclass(frozen=True)
 class Sample:
-    """Points drawn from the axes' intervals: `method` sobol, latin-hypercube or random."""
+    """Points drawn from the axes' intervals or spreads.
+
+    Attributes
+    ----------
+    method : str
+        "sobol", "latin-hypercube" or "random".
+    size, seed : int
+    correlation : tuple of tuples of float
+        Of the axes; none where they are independent.
+    indices : tuple of str
+        The columns of which Sobol indices are wanted.
+    """
 
     method: str
     size: int
     seed: int
+    correlation: tuple[tuple[float, ...], ...] = ()
+    indices: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -209,13 +231,13 @@ class Sweep:
 
 
 def drawn(sample: Sample, axes: tuple[Axis, ...]) -> FloatArray:
-    """Sample points in the axes' intervals. The same seed gives the same points.
+    """Sample points in the axes' intervals and spreads. The same seed gives the same points.
 
     Parameters
     ----------
     sample : Sample
     axes : tuple of Axis
-        Intervals.
+        Intervals or spreads.
 
     Returns
     -------
@@ -229,4 +251,6 @@ def drawn(sample: Sample, axes: tuple[Axis, ...]) -> FloatArray:
 
         method = qmc.Sobol if sample.method == "sobol" else qmc.LatinHypercube
         unit = method(len(axes), seed=rng).random(sample.size)
+    if sample.correlation:
+        unit = correlated(unit, np.array(sample.correlation))
     return np.column_stack([axis.at(unit[:, i]) for i, axis in enumerate(axes)])

@@ -11,114 +11,28 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
-from pydantic import Field, ValidationError, ValidationInfo
+from pydantic import ValidationError
 
 from simulator import __version__
 from simulator.scenario import Cycle, Problem, Ramp, Scenario, ScenarioError, load_scenario
 from simulator.scenario.dimensions import dimension_of
-from simulator.scenario.fields import Chosen, Float, Frozen, Int, Text, problems_of, refused
+from simulator.scenario.fields import problems_of
 from simulator.scenario.keys import all_keys, physical_keys
 from simulator.scenario.mapping import near, number_and_unit, value_at, with_values
 from simulator.scenario.reading import check_kind, read_toml
+from simulator.sweep.grammar import Range, SampleTable, SpreadTable, SweepFile
 from simulator.sweep.measures import units_of
 from simulator.sweep.plan import Axis, Job, Past, Recorded, Sample, Sweep, Value, as_recorded, drawn
 from simulator.sweep.rows import columns
+from simulator.sweep.spreads import matrix_of, spread_axis, wrong_axis, wrong_sample, wrong_spread
 
 MAX_RUNS = 10_000_000
 
 _FIXED = ("title", "source", "name", "electrodes")
 _CHECKED = 200  # values of an axis that are tried beforehand, its ends among them
-
-
-def _bound(value: Any, _: ValidationInfo) -> tuple[float, str]:
-    found = number_and_unit(value)
-    if found is None or not np.isfinite(found[0]):
-        raise refused('must be a finite number, or a text such as "2 kPa"', value)
-    return found
-
-
-Bound = Annotated[tuple[float, str], Chosen(_bound), Field(description='a number, or a text such as "2 kPa"')]
-
-
-class Range(Frozen):
-    """Values `from` … `to`, both included."""
-
-    start: Annotated[Bound, Field(alias="from", description='a number, or a text such as "2 kPa"')]
-    to: Bound
-    points: Annotated[Int | None, Field(ge=2, description="a whole number >= 2")] = None
-    spacing: Annotated[Literal["linear", "log"], Field(description='"linear" or "log"')] = "linear"
-
-
-def _axis(value: Any, _: ValidationInfo) -> Range | tuple[Value, ...]:
-    if isinstance(value, Mapping):
-        return Range.model_validate(value)
-    if not isinstance(value, list | tuple | np.ndarray):
-        raise refused(
-            "must be a list of values, or a table such as { from = 0.1, to = 1, points = 10 }", value
-        )
-    items = [item.item() if isinstance(item, np.generic) else item for item in value]
-    if not items:
-        raise refused("must have one or more values", items)
-    kinds = {"number" if number_and_unit(i) and not isinstance(i, str) else type(i).__name__ for i in items}
-    if not kinds <= {"number"} and kinds not in ({"str"}, {"bool"}):
-        raise refused("must be all numbers, all texts or all true or false", items)
-    values: tuple[Value, ...] = tuple(float(i) for i in items) if kinds == {"number"} else tuple(items)
-    if not all(np.isfinite(v) for v in values if isinstance(v, float)):
-        raise refused("must be finite numbers", items)
-    if len(set(values)) < len(values):
-        raise refused("must not have a value twice", items)
-    return values
-
-
-Values = Annotated[Range | tuple[Value, ...], Chosen(_axis), Field(description="a list or a table")]
-
-
-class SampleTable(Frozen):
-    """Points drawn from the intervals of `[vary]` instead of their product."""
-
-    method: Annotated[
-        Literal["sobol", "latin-hypercube", "random"],
-        Field(description='"sobol", "latin-hypercube" or "random"'),
-    ]
-    size: Annotated[Int, Field(ge=1, description="a whole number >= 1")]
-    seed: Annotated[Int, Field(ge=0, description="a whole number >= 0")] = 0
-
-
-class PastTable(Frozen):
-    """A ramp to `times` the voltage of the first limit point on it."""
-
-    times: Annotated[Float, Field(gt=1, description="a number > 1")]
-
-
-class RecordTable(Frozen):
-    """What is recorded of each run beyond what always is."""
-
-    limit_points: Annotated[Int, Field(ge=0, le=100, description="a whole number from 0 to 100")] = 2
-    sensitivities: Annotated[
-        bool | tuple[str, ...], Field(description="true, false or a list of keys of the scenario")
-    ] = False
-    shapes: Annotated[bool, Field(strict=True, description="true or false")] = False
-
-
-class SweepFile(Frozen):
-    """The sweep file as written."""
-
-    title: Annotated[Text | None, Field(description="a non-empty text")] = None
-    scenario: Annotated[str, Field(strict=True, min_length=1, description="the path of a scenario file")]
-    sample: Annotated[SampleTable | None, Field(description="a table of method, size, seed")] = None
-    vary: Annotated[
-        dict[str, Values], Field(min_length=1, description="a table with one or more keys of the scenario")
-    ]
-    past_limit_point: Annotated[
-        dict[str, PastTable] | None,
-        Field(min_length=1, max_length=1, description='one key, such as "step.2.ramp" = { times = 1.001 }'),
-    ] = None
-    record: Annotated[RecordTable, Field(description="a table with limit_points, sensitivities, shapes")] = (
-        RecordTable()
-    )
 
 
 SweepLike = Sweep | str | os.PathLike[str] | Mapping[str, Any]
@@ -192,7 +106,7 @@ def _sweep(file: str, read: SweepFile, scenario: Scenario, axes: tuple[Axis, ...
     if read.past_limit_point:
         ((key, table),) = read.past_limit_point.items()
         past = Past(key, int(key.split(".")[1]), table.times)
-    sample = Sample(read.sample.method, read.sample.size, read.sample.seed) if read.sample else None
+    sample = _as_sample(read.sample, axes) if read.sample else None
     job = Job(
         scenario=mapping,
         axes=axes,
@@ -218,7 +132,16 @@ def _sweep(file: str, read: SweepFile, scenario: Scenario, axes: tuple[Axis, ...
     return Sweep(file=file, title=title, job=job, sample=sample, definition=definition)
 
 
-def _as_axis(key: str, values: Range | tuple[Value, ...], scenario: Scenario) -> Axis:
+def _as_sample(table: SampleTable, axes: tuple[Axis, ...]) -> Sample:
+    correlation: tuple[tuple[float, ...], ...] = ()
+    if table.correlations:
+        correlation = tuple(tuple(row) for row in matrix_of(table.correlations, axes).tolist())
+    return Sample(table.method, table.size, table.seed, correlation, table.indices)
+
+
+def _as_axis(key: str, values: Range | SpreadTable | tuple[Value, ...], scenario: Scenario) -> Axis:
+    if isinstance(values, SpreadTable):
+        return spread_axis(key, values, scenario)
     if not isinstance(values, Range):
         quantities = [number_and_unit(value) for value in values if isinstance(value, str)]
         numbers = tuple(found[0] for found in quantities if found is not None)
@@ -253,6 +176,9 @@ def _of_form(read: SweepFile, axes: tuple[Axis, ...]) -> Iterator[Problem]:
     size = 1
     for axis, (key, values) in zip(axes, read.vary.items(), strict=True):
         name = _quoted(("vary", key))
+        if isinstance(values, SpreadTable):
+            yield from wrong_spread(name, values, sampled=read.sample is not None)
+            continue
         if not isinstance(values, Range):
             size *= len(axis.values)
             found = [number_and_unit(value) for value in values if isinstance(value, str)]
@@ -285,6 +211,7 @@ def _of_form(read: SweepFile, axes: tuple[Axis, ...]) -> Iterator[Problem]:
             yield Problem(
                 "sample.size", size, f"must be a power of 2 for sobol, such as {1 << size.bit_length()}"
             )
+        yield from wrong_sample(read.sample, list(read.vary), [_quoted(("vary", key)) for key in read.vary])
     if size > MAX_RUNS:
         key, value = ("sample.size", size) if read.sample else ("vary", None)
         yield Problem(key, value, f"must ask for at most {MAX_RUNS:,} runs, asks for {size:,}")
@@ -299,6 +226,10 @@ def _of_keys(scenario: Scenario, read: SweepFile, axes: tuple[Axis, ...]) -> Ite
         if axis.key.rpartition(".")[2] in _FIXED:
             yield Problem(name, None, "cannot be varied, results have columns by name")
             continue
+        values = read.vary[axis.key]
+        if isinstance(values, SpreadTable) and (wrong := [*wrong_axis(name, axis, values)]):
+            yield from wrong
+            continue
         problem = _refused_value(mapping, axis, known)
         if problem is not None:
             value, allowed = problem
@@ -310,8 +241,22 @@ def _of_keys(scenario: Scenario, read: SweepFile, axes: tuple[Axis, ...]) -> Ite
     for key in () if isinstance(asked, bool) else asked:
         if key not in numbers:
             yield Problem("record.sensitivities", key, f"no number of the device; {near(key, numbers)}")
+    if read.sample:
+        yield from _of_indices(scenario, read, axes)
     for key in read.past_limit_point or {}:
         yield from _of_past(scenario, key, axes)
+
+
+def _of_indices(scenario: Scenario, read: SweepFile, axes: tuple[Axis, ...]) -> Iterator[Problem]:
+    """Indices of columns that a sweep does not have."""
+    assert read.sample is not None
+    names = tuple(balloon.name for balloon in scenario.balloons)
+    recorded = Recorded(read.record.limit_points, (), read.record.shapes)
+    job = Job({}, axes, None, recorded, names, scenario.electroded, __version__)
+    numbers = {name: 0.0 for name, kind in columns(job).items() if kind in ("number", "whole")}
+    for name in read.sample.indices:
+        if name not in numbers or name in read.vary:
+            yield Problem("sample.indices", name, f"must be a column of numbers; {near(name, numbers)}")
 
 
 def _refused_value(

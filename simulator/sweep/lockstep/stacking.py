@@ -23,7 +23,7 @@ from simulator.sweep.plan import Axis, Job, Sweep, Value
 
 FloatArray = NDArray[np.float64]
 
-_SAME = 4e-15  # two values of a number, relatively, that are one
+_SAME = 1.2e-14  # two values of a number, relatively, that are one: sizes with units are rounded to 15 digits
 _MOST_CORNERS = 64  # of the box that the axes span, that are tried
 _TRIED = 4  # further places in it
 _WORTH_IT = 200  # runs of a sweep
