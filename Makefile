@@ -38,7 +38,7 @@ help:
 	@echo "make stress    play stiff and extreme scenarios, and runs made to go wrong; docs/stability.md"
 	@echo "make paper     compare with every number of the paper; docs/paper.md"
 	@echo "make figures   draw the figures of the paper; docs/figures"
-	@echo "make docs      run every code block of the docs, and build the site; $(SITE)/index.html"
+	@echo "make docs      run every code block of the docs, draw the gallery, build the site; $(SITE)/index.html"
 	@echo "make venv      create or update the environment in $(VENV)"
 
 venv: $(INSTALLED)
@@ -94,7 +94,7 @@ accuracy stress paper figures: $(INSTALLED)
 # First every code block is run. -n: a name that leads nowhere is a warning; -W: every warning is an error.
 docs: $(INSTALLED_DOCS)
 	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal tests/pages
-	@rm -rf docs/reference/api
+	@rm -rf docs/reference/api docs/gallery/drawn
 	$(BIN)/python -m sphinx -W -n --keep-going -q -E -b html docs $(SITE)
 	@echo "The site: $(SITE)/index.html"
 

@@ -25,9 +25,10 @@ extensions = [
     "sphinx.ext.autosummary",
     "sphinx.ext.intersphinx",
     "sphinx_copybutton",
+    "sphinx_gallery.gen_gallery",
 ]
 templates_path = ["_templates"]
-exclude_patterns = ["_build", "_made", "figures", "gallery"]
+exclude_patterns = ["_build", "_made", "figures", "gallery/scripts.md", "**/GALLERY_HEADER.rst"]
 nitpicky = True
 
 # Pages are written for GitHub as well: its formulas, its anchors, links with .md.
@@ -39,6 +40,7 @@ myst_heading_anchors = 4
 autodoc_typehints = "none"
 autodoc_default_options = {"members": True}
 autosummary_generate = True
+toc_object_entries_show_parents = "hide"
 numpydoc_show_class_members = False
 default_role = "autolink"
 
@@ -55,6 +57,25 @@ intersphinx_mapping = (
     if os.environ.get("READTHEDOCS")
     else {}
 )
+
+# Every script is run, and its picture is what it draws: a script that fails fails the build.
+sphinx_gallery_conf = {
+    "examples_dirs": ["gallery"],
+    "gallery_dirs": ["gallery/drawn"],
+    "filename_pattern": "/",
+    "subsection_order": [f"gallery/{name}" for name in ("snaps", "gas", "films", "hysteresis", "many")],
+    "within_subsection_order": "FileNameSortKey",
+    "capture_repr": (),
+    "abort_on_example_error": True,
+    "download_all_examples": False,
+    "min_reported_time": 60,
+    "write_computation_times": False,
+    "show_memory": False,
+    "show_signature": False,
+    "copyfile_regex": r"^$",
+    "remove_config_comments": True,
+    "image_srcset": ["2x"],
+}
 
 html_theme = "pydata_sphinx_theme"
 html_title = f"dielectric-balloons {release}"
@@ -85,7 +106,8 @@ def _read(app: Sphinx, docname: str, content: list[str]) -> None:
             text = re.sub(r"\]\((?!https?:|#)", "](../", written).replace("](../docs/", "](")
     for file, page in _BESIDE.items():
         text = text.replace(f"]({up}../{file}", f"]({up}{page}.md")
-    content[0] = text
+    # The gallery of the site has the pictures; on GitHub a list of the scripts stands in for it.
+    content[0] = text.replace("](gallery/scripts.md)", "](gallery/drawn/index.rst)")
 
 
 def _make(app: Sphinx, config: Config) -> None:
