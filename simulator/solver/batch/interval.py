@@ -43,6 +43,10 @@ SLOPES = (
     @ np.diag([1.0, 2.0, 3.0, 4.0])
     @ np.linalg.inv(np.vander(POINTS, increasing=True))[1:]
 )
+# A quartic through five values, in Bernstein's form: it is not below the least of these.
+_COEFFICIENTS = np.array([[comb(i, k) / comb(4, k) for k in range(5)] for i in range(5)]) @ np.linalg.inv(
+    np.vander(POINTS, increasing=True)
+)
 _HIGHEST = np.array([np.prod(p - np.delete(POINTS, j)) ** -1.0 for j, p in enumerate(POINTS)])
 _SHAPE = np.abs(np.prod(GRID[:, None] - POINTS, axis=1))  # of the polynomial through five points: its error
 _SHARE = np.max(_SHAPE)
@@ -167,34 +171,30 @@ class Sight(NamedTuple):
 def look(margins: FloatArray) -> Sight:
     """Where margins (n_margins, 5, n_runs) first fall through zero."""
     runs = margins.shape[2]
-    low = margins.min(axis=1)
     rough = 2.0 * np.abs(np.einsum("j,mjn->mn", _HIGHEST, margins)) * _SHARE
     first = np.full(runs, -1)
     at = np.full(runs, np.inf)
     unclear = np.zeros(runs, dtype=bool)
     # Most margins are far from zero all along.
-    near = np.flatnonzero((low < 0.3 * margins[:, 0]).any(axis=0) | (low < 4.0 * rough).any(axis=0))
-    if not near.size:
+    low = np.einsum("ej,mjn->emn", _COEFFICIENTS, margins).min(axis=0)
+    which, run = np.nonzero(low <= rough)
+    if not run.size:
         return Sight(first, at, unclear)
-    values = on_grid(margins[:, :, near])  # (n_margins, 33, n_near)
+    values = on_grid(margins[which, :, run].T)  # (33, n)
     below = values < 0.0
-    any_below = below.any(axis=1)
-    place = np.argmax(below, axis=1)
+    place = np.argmax(below, axis=0)
     before = np.maximum(place - 1, 0)
-    upper = np.take_along_axis(values, before[:, None], axis=1)[:, 0]
-    lower = np.take_along_axis(values, place[:, None], axis=1)[:, 0]
+    each = np.arange(run.size)
+    upper, lower = values[before, each], values[place, each]
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(place > 0, upper / (upper - lower), 0.0)
-    root = np.where(any_below, GRID[before] + share * GRID[1], np.inf)
-    which = np.argmin(root, axis=0)
-    where = np.take_along_axis(root, which[None], axis=0)[0]
-    found = np.isfinite(where)
-    first[near] = np.where(found, which, -1)
-    at[near] = where
+    root = np.where(below.any(axis=0), GRID[before] + share * GRID[1], np.inf)
+    np.minimum.at(at, run, root)
+    falls = np.isfinite(root) & (root == at[run])
+    winners = np.flatnonzero(falls)[::-1]  # of several at once the first stays
+    first[run[winners]] = which[winners]
+    falls &= first[run] == which
     # A dip that may reach zero before that.
-    doubt = (values < rough[:, near][:, None] * (_SHAPE / _SHARE)[:, None]) & (
-        GRID[:, None] < np.where(found, where, 2.0)
-    )
-    doubt[which, :, np.arange(near.size)] &= ~found[:, None]
-    unclear[near] = doubt.any(axis=(0, 1)) | (found & (where == 0.0))
-    return Sight(first, at, unclear)
+    doubt = (values < rough[which, run] * (_SHAPE / _SHARE)[:, None]) & (GRID[:, None] < at[run])
+    unclear[run[doubt.any(axis=0) & ~falls]] = True
+    return Sight(first, at, unclear | (at == 0.0))
