@@ -20,6 +20,7 @@ from simulator.model.conditions import Condition, stability
 from simulator.model.equations import Equations, State
 from simulator.model.symmetry import symmetry
 from simulator.solver import newton, singular
+from simulator.solver.forgetting import forgotten
 from simulator.solver.ida import Effort, IntegrationError
 from simulator.solver.landing import (
     NEAR,
@@ -29,7 +30,7 @@ from simulator.solver.landing import (
     landing_from,
     variation,
 )
-from simulator.solver.overdamped import consistent, integrate
+from simulator.solver.overdamped import consistent, integrate, integrate_closely
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -139,12 +140,19 @@ def _relaxed(
     fine_start: Callable[[], FloatArray | None] | None,
 ) -> Rest:
     """As `relax`, all balloons by themselves."""
+    before: FloatArray | None = None
     if not tight:
         # Loosely, unless that fails, or what is found depends on the way.
         with contextlib.suppress(FlowError, IntegrationError):
             rest, closest = _flow(equations, conditions, start, _LOOSE, effort)
             if rest.end is None and _certain(equations, conditions, start, rest.state, closest):
                 return rest
+            if rest.end is not None:
+                before = forgotten(equations, conditions, rest.path)
+    if before is not None:
+        with contextlib.suppress(FlowError, IntegrationError):
+            last, _ = _flow(equations, conditions, before[:, -1], _TIGHT, effort)
+            return replace(last, path=np.concatenate([before, last.path], axis=1))
     fine = fine_start() if fine_start is not None else None
     return _flow(equations, conditions, start if fine is None else fine, _TIGHT, effort)[0]
 
@@ -319,7 +327,8 @@ def _flow(
         if endless:
             margins.append(lambda y: far - max(y[i] for i in endless))
         if resting(state.tolist()) > 0.0:
-            states, ended = integrate(equations, margins, state, rtol, effort)
+            way = integrate if rtol == _LOOSE else integrate_closely
+            states, ended = way(equations, margins, state, rtol, effort)
             _check_downhill(equations, states)
             closest = [
                 min(low, float(np.min(margin(states))))

@@ -40,7 +40,7 @@ class IntegrationError(ArithmeticError):
 
 @dataclass
 class Effort:
-    """What following and relaxing have cost so far; one per run."""
+    """What following and relaxing have cost so far; one per run. Steps are those of IDA and CVODE."""
 
     ida_solves: int = 0
     ida_steps: int = 0
@@ -177,7 +177,7 @@ def _solved(
     margins.direction = [-1] * len(system.terminal)  # type: ignore[attr-defined]
     margins.terminal = list(system.terminal)  # type: ignore[attr-defined]
     try:
-        with _silence():
+        with silence():
             solver = IDA(
                 residual,
                 jacfn=jacobian,
@@ -194,7 +194,7 @@ def _solved(
 
 
 @contextlib.contextmanager
-def _silence() -> Iterator[None]:
+def silence() -> Iterator[None]:
     """Nothing is written to the terminal: scikit-sundae prints errors, and SUNDIALS logs warnings itself."""
     name = "SUNLOGGER_WARNING_FILENAME"
     before = os.environ.get(name)
