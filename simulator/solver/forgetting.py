@@ -42,10 +42,14 @@ def jacobians(equations: Equations, states: FloatArray) -> tuple[FloatArray, Flo
 
 
 def memory(equations: Equations, states: FloatArray) -> FloatArray:
-    """By how many e-folds what is off a trajectory decays from each state (n_unknowns, m) to the last, (m,).
+    """By how many e-folds what is off a trajectory decays from each state (n_unknowns, m) to the last.
 
-    Of at least two balloons: of one nothing is off. Within the flow nothing decays; across it the slowest direction counts, in the weights in which the flow
-    is a gradient.
+    Of at least two balloons: of one nothing is off. Within the flow nothing decays; across it the slowest
+    direction counts, in the weights in which the flow is a gradient.
+
+    Returns
+    -------
+    (m,) array
     """
     count, steps = len(equations.walls), states.shape[1]
     rates, derivatives = jacobians(equations, states)
