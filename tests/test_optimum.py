@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
+from collections import Counter
 
 import pytest
 from scipy.optimize import brentq
@@ -10,7 +12,10 @@ from scipy.optimize import brentq
 from simulator import load_scenario, simulate
 from simulator.scenario import ScenarioError
 from simulator.scenario.mapping import with_values
-from simulator.sweep.optimum import optimize, read_question
+from simulator.sweep import evaluations
+from simulator.sweep.lockstep.chunk import DisagreementError, compare
+from simulator.sweep.optimum import Bounds, optimize, read_question
+from simulator.sweep.rows import play
 from tests.pairs import pair
 from tests.sweeps import balloons
 
@@ -67,6 +72,65 @@ def test_a_limit_point_made_small_lies_at_the_mechanical_peak(tmp_path):
         (row,) = csv.DictReader(stream)
     assert float(row["limit_point_1_voltage_active"]) == found.value
     assert len(every.read_text().splitlines()) == len(found.runs) + 1
+
+
+def generations():
+    return read_question(
+        {
+            "scenario": pair(1.2, {"ramp": 0.5}, ambient=0.015, output={"points": 2}).to_dict(),
+            "maximize": "largest_stretch_active",
+            "vary": {
+                "step.1.inflate": {"from": 0.9, "to": 1.2},
+                "step.2.ramp": {"from": 0.1, "to": 0.5},
+            },
+            "where": {"largest_field_active": {"below": 1.0}},
+            "search": {"population": 8, "generations": 3},
+        }
+    )
+
+
+def test_a_generation_is_played_in_lockstep_and_the_best_run_by_itself():
+    question = generations()
+    found = optimize(question)
+    ways = Counter(row["way"] for row in found.runs)
+    assert len(found.runs) > 48
+    assert ways["lockstep"] > 0.9 * len(found.runs)
+    assert found.row["way"] == "simulate"
+    for k in (found.row["run"] - 1, 20, 45):
+        row = found.runs[k]
+        values = [row[axis.key] for axis in question.sweep.job.axes]
+        compare(k + 1, row, play(question.sweep.job, k, values))
+    fit = [row for row in found.runs if row["largest_field_active"] <= 1.0]
+    assert 0 < len(fit) < len(found.runs)
+    assert found.value == max(row["largest_stretch_active"] for row in fit)
+
+
+def test_a_best_run_that_crosses_its_limit_by_itself_is_none(monkeypatch):
+    # The two ways differ by rounding, and an optimum lies on its limit.
+    question = generations()
+    best = optimize(question)
+    limit = best.row["largest_field_active"]
+
+    def beyond(job, index, values, *expected):
+        row = play(job, index, values, *expected)
+        if row["largest_field_active"] == limit:
+            row["largest_field_active"] = 1.0 + 1e-9 if limit == 1.0 else limit * (1.0 + 1e-10)
+        return row
+
+    monkeypatch.setattr(evaluations, "play", beyond)
+    bounds = {"largest_field_active": Bounds(below=limit)}
+    found = optimize(dataclasses.replace(question, where=bounds))
+    assert found.row["run"] != best.row["run"]
+    assert found.row["largest_field_active"] < limit
+
+
+def test_a_run_that_comes_out_otherwise_by_itself_is_an_error(monkeypatch):
+    def wrong(job, index, values, *expected):
+        return {**play(job, index, values, *expected), "limit_points": 7}
+
+    monkeypatch.setattr(evaluations, "play", wrong)
+    with pytest.raises(DisagreementError, match="limit_points"):
+        optimize(generations())
 
 
 @pytest.mark.parametrize(

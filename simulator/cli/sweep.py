@@ -194,6 +194,7 @@ def optimize(
     from simulator.cli.summary_units import print_bare
     from simulator.results.files import check_writable
     from simulator.scenario import load_scenario
+    from simulator.sweep import DisagreementError
     from simulator.sweep.optimum import OPTIMUM_FILES, read_question
     from simulator.sweep.optimum import optimize as search
 
@@ -201,8 +202,11 @@ def optimize(
     with errors_reported():
         asked = read_question(question)
         check_writable(directory, OPTIMUM_FILES)
-        with count_progress(quiet=quiet) as progress:
-            found = search(asked, progress=progress)
+        try:
+            with count_progress(quiet=quiet) as progress:
+                found = search(asked, progress=progress)
+        except DisagreementError as error:
+            fail(str(error), SOLVER_FAILED)
         paths = found.to_csv(directory)
     if found.row is None:
         fail(f"none of {len(found.runs):,} runs meets the conditions; all are in {paths[-1]}", SOLVER_FAILED)

@@ -21,7 +21,8 @@ FloatArray = NDArray[np.float64]
 
 _LONGEST = 1e12  # a time never reached
 _MOST_STEPS = 50_000
-_STIFF = 1500  # steps of Adams' method after which the flow is stiff
+_STIFF = 800  # steps of Adams' method after which the flow is stiff
+_COARSER = 10.0  # IDA's tolerance over that: finer, its steps are lost in rounding
 
 
 def integrate(
@@ -126,7 +127,7 @@ def integrate_closely(
             rates, derivatives, watched, first, effort, rtol=rtol, most_steps=_STIFF
         )
     except (ArithmeticError, np.linalg.LinAlgError):
-        return integrate(equations, margins, start, rtol, effort)
+        return integrate(equations, margins, start, _COARSER * rtol, effort)
     return np.array([full(stretches) for stretches in passed.tolist()]).T, which
 
 

@@ -2,16 +2,16 @@
 
 The grammar is that of a sweep, with intervals to search, a column to make large or small, and conditions
 on columns. Runs snap, so what is optimised jumps; differential evolution does not mind. Each point is
-played once, though the conditions and the objective both ask for it.
+played once, though the conditions and the objective both ask for it; those of a generation together.
 """
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,10 +25,11 @@ from simulator.scenario import Problem, ScenarioError
 from simulator.scenario.fields import Chosen, Float, Frozen, Int, problems_of, refused
 from simulator.scenario.mapping import near, number_and_unit
 from simulator.scenario.reading import check_kind, read_toml
-from simulator.sweep.measures import in_units, quantity, scale_sizes, titled
-from simulator.sweep.plan import Job, Sweep, Value
+from simulator.sweep.evaluations import Evaluations
+from simulator.sweep.measures import quantity, scale_sizes, titled
+from simulator.sweep.plan import Job, Sweep
 from simulator.sweep.reading import read_sweep
-from simulator.sweep.rows import BEHAVIOURS, OUTCOMES, as_text, columns, play
+from simulator.sweep.rows import BEHAVIOURS, OUTCOMES, as_text, columns
 from simulator.units import Dimension, read_si
 
 FloatArray = NDArray[np.float64]
@@ -72,7 +73,7 @@ class SearchTable(Frozen):
     """How long is searched: `population` points for each key and generation, at most `generations`."""
 
     population: Annotated[Int, Field(ge=2, le=1000, description="a whole number from 2 to 1000")] = 15
-    generations: Annotated[Int, Field(ge=1, le=100_000, description="a whole number from 1 to 100000")] = 60
+    generations: Annotated[Int, Field(ge=1, le=100_000, description="a whole number from 1 to 100000")] = 100
     tolerance: Annotated[Float, Field(gt=0, description="a number > 0")] = 1e-6
     seed: Annotated[Int, Field(ge=0, description="a whole number >= 0")] = 0
 
@@ -109,65 +110,6 @@ class Question:
     def units(self) -> Mapping[str, str]:
         """The units of the columns that have one."""
         return self.sweep.job.units
-
-
-@dataclass
-class _Runs:
-    """The runs played, each once, by their place in the unit cube of the (scaled) intervals."""
-
-    question: Question
-    progress: Callable[[int], None] | None
-    rows: dict[tuple[float, ...], dict[str, Any]] = field(default_factory=dict)
-
-    @cached_property
-    def names(self) -> list[str]:
-        return list(columns(self.question.sweep.job))
-
-    @cached_property
-    def converted(self) -> Callable[[Sequence[Value], Sequence[Any]], Sequence[Any]]:
-        """What turns the cells of a row into their units."""
-        return in_units(self.question.sweep.job, self.names)
-
-    def at(self, place: FloatArray) -> dict[str, Any]:
-        key = tuple(place.tolist())
-        if key not in self.rows:
-            job = self.question.sweep.job
-            values = [float(axis.at(share)) for axis, share in zip(job.axes, key, strict=True)]
-            row = play(job, len(self.rows), values)
-            cells = self.converted(values, [row.get(name) for name in self.names])
-            self.rows[key] = {name: cell for name, cell in zip(self.names, cells, strict=True) if name in row}
-            if self.progress:
-                self.progress(len(self.rows))
-        return self.rows[key]
-
-    def objective(self, place: FloatArray) -> float:
-        value = float(self.at(place).get(self.question.column, math.nan))
-        return math.inf if math.isnan(value) else self.question.sense * value
-
-    def margins(self, place: FloatArray) -> FloatArray:
-        """How far each condition is fulfilled: none below 0 where all are."""
-        return np.array(self._margins(self.at(place)))
-
-    def _margins(self, row: Mapping[str, Any]) -> list[float]:
-        out = [0.0 if _number(row, self.question.column) is not None else -1.0]
-        for column, condition in self.question.where.items():
-            if isinstance(condition, tuple):
-                out.append(0.0 if row.get(column) in condition else -1.0)
-                continue
-            value = _number(row, column)
-            for limit, sign in ((condition.below, 1.0), (condition.above, -1.0)):
-                if limit is not None:
-                    off = math.nan if value is None else sign * (float(limit) - value)
-                    out.append(-1e9 if value is None else off / self.question.sizes.get(column, 1.0))
-        return out
-
-    def feasible(self) -> list[dict[str, Any]]:
-        return [row for row in self.rows.values() if min(self._margins(row)) >= 0.0]
-
-
-def _number(row: Mapping[str, Any], column: str) -> float | None:
-    value = row.get(column)
-    return None if value is None or not math.isfinite(value) else float(value)
 
 
 @dataclass(frozen=True)
@@ -341,14 +283,15 @@ def optimize(question: QuestionLike, *, progress: Callable[[int], None] | None =
     """Find the run that makes a column largest or smallest under the conditions.
 
     By ``scipy.optimize.differential_evolution`` over the intervals: a search of the whole box that needs no
-    derivatives. The same seed gives the same answer. It does not prove that there is no better one.
+    derivatives. The same seed gives the same answer. It does not prove that there is no better one. The runs
+    of a generation are played in lockstep where they can be, one of them by `simulate`, too; so is the best.
 
     Parameters
     ----------
     question : Question, path or mapping
         From `read_question`, or what that takes.
     progress : callable, optional
-        Called with the number of runs played, after each.
+        Called with the number of runs played, after each generation.
 
     Returns
     -------
@@ -358,6 +301,8 @@ def optimize(question: QuestionLike, *, progress: Callable[[int], None] | None =
     ------
     ScenarioError
         If the question makes no sense.
+    DisagreementError
+        If a run played both ways comes out differently.
 
     Examples
     --------
@@ -374,7 +319,7 @@ def optimize(question: QuestionLike, *, progress: Callable[[int], None] | None =
     question = read_question(question)
     from scipy.optimize import NonlinearConstraint, differential_evolution
 
-    runs = _Runs(question, progress)
+    runs = Evaluations(question, progress)
     search = question.search
     answer = differential_evolution(
         runs.objective,
@@ -387,8 +332,9 @@ def optimize(question: QuestionLike, *, progress: Callable[[int], None] | None =
         seed=np.random.default_rng(search.seed),
         polish=False,
         init="sobol",
+        updating="deferred",
+        vectorized=True,
     )
-    found = runs.feasible()
-    best = min(found, key=lambda row: question.sense * row[question.column], default=None)
+    best = runs.best()
     value = math.nan if best is None else float(best[question.column])
     return Optimum(question, best, value, tuple(runs.rows.values()), bool(answer.success))

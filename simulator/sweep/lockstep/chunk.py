@@ -14,7 +14,7 @@ from simulator.sweep.plan import Job, Value
 
 LOCKSTEP, ALONE = "lockstep", "simulate"
 
-FEWEST = 32  # runs of a chunk: fewer are played faster one by one
+FEWEST = 12  # runs of a chunk: fewer are played faster one by one
 _VOLTAGES = 1e-11  # of limit points, relatively: how well both ways must agree
 _STATES = 1e-8  # of everything else
 _DIFFERENCES = 1e-12  # of the work done: the rounding of what is lost, a difference of energies that large
