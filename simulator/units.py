@@ -56,6 +56,9 @@ FIELD = Dimension("an electric field", "250 MV/m", "V/m", "field", "√(μ/ε)")
 CHARGE = Dimension("a charge", "1 µC", "C", "charge", "4πR²√(εμ)")
 VOLUME = Dimension("a volume", "0.5 l", "m^3", "volume", "4πR³")
 ENERGY = Dimension("an energy", "1 mJ", "J", "energy", "4πR²Hμ")
+RESISTANCE = Dimension("a resistance", "10 MΩ", "ohm", "resistance", "H/(4πR²ε)·s")
+CURRENT = Dimension("a current", "0.1 mA", "A", "current", "4πR²√(εμ)/s")
+CONDUCTIVITY = Dimension("a conductivity", "3.2e-14 S/m", "S/m", "conductivity", "ε/s")
 
 _RATIOS = (RADIUS, THICKNESS, MODULUS, PERMITTIVITY)  # those of a balloon to the reference balloon
 
@@ -71,12 +74,16 @@ DIMENSIONS = (
     CHARGE,
     VOLUME,
     ENERGY,
+    RESISTANCE,
+    CURRENT,
+    CONDUCTIVITY,
 )
 
 # Of the quantities in results; a stretch becomes a radius, which depends on the balloon.
 QUANTITIES = {
     "time": TIME,
     "voltage": VOLTAGE,
+    "supply": VOLTAGE,
     "pressure": PRESSURE,
     "volume": VOLUME,
     "gas": ENERGY,
@@ -146,6 +153,21 @@ class Scales:
     def energy(self) -> float:
         """4πR²Hμ, in J."""
         return 4.0 * math.pi * self.radius**2 * self.thickness * self.shear_modulus
+
+    @property
+    def resistance(self) -> float:
+        """H/(4πR²ε) times 1 s, in Ω."""
+        return self.voltage / self.charge * self.time
+
+    @property
+    def current(self) -> float:
+        """4πR²√(εμ) in 1 s, in A."""
+        return self.charge / self.time
+
+    @property
+    def conductivity(self) -> float:
+        """ε over 1 s, in S/m."""
+        return self.absolute_permittivity / self.time
 
     def of(self, dimension: Dimension) -> float:
         """The SI value that is 1 in the dimensionless model."""

@@ -72,7 +72,7 @@ GENT, RAMP, HOLD, POINTS = 'model = "gent", J_lim = 100', "ramp = 0.2\nover = 10
 KINDS = "inflate, ramp, charge, hold, jump, sine, triangle, table, cycle"
 VOLTAGE = "a number, or a table of one or more numbers by balloon name"
 A_NAME = "a name of letters, digits and _, no digit first"
-TOP = "title, source, scales, gas, balloon, step, dynamics, shape, output, solver"
+TOP = "title, source, scales, gas, balloon, step, dynamics, supply, shape, output, solver"
 IN_GAS = "ambient_pressure, chamber, law, exponent"
 VALUE = "a number > 0, or a table of one or more numbers > 0 by balloon name"
 ENDS = "a table with one or more of event, stretch, pressure, field"

@@ -7,7 +7,7 @@ event. IDA evaluates it between residual calls, so it must compute from its argu
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -163,12 +163,16 @@ class ShapeCondition:
     condition: Condition
 
 
-def shape_conditions(equations: Equations) -> tuple[ShapeCondition, ...]:
-    """What keeps the balloons of a set of equations spheres; none where nothing can be lost."""
+def shape_conditions(equations: Equations, charged: Collection[int] = ()) -> tuple[ShapeCondition, ...]:
+    """What keeps the balloons of a set of equations spheres; none where nothing can be lost.
+
+    `charged` are the places of balloons that have a charge which is not in the equations.
+    """
     found: list[ShapeCondition] = []
     for place, membrane in enumerate(equations.membranes):
         elastomer = membrane.wall.elastomer
-        if membrane.drive is not None or not getattr(elastomer, "stays_spherical", False):
+        driven = membrane.drive is not None or place in charged
+        if driven or not getattr(elastomer, "stays_spherical", False):
             found.append(ShapeCondition(place, "pear", _pear(membrane, place)))
         if (stiffness := getattr(elastomer, "shear_stiffness", None)) is not None:
             found.append(ShapeCondition(place, "shear", _shear(stiffness, place)))

@@ -38,13 +38,16 @@ class Part(Protocol):
     """A part of one balloon. `own` are its unknowns, v is the coordinate of the drive.
 
     `at_rest` are the unknowns in an unstretched balloon that has rested without a voltage, `books` the names
-    of what it keeps books of, as powers over 4πR²Hμ.
+    of what it keeps books of, as powers over 4πR²Hμ: work that is done on it is "work", all else is lost.
+    `electrical` says whether its share is that of a voltage, which a state shows besides.
     """
 
     @property
     def at_rest(self) -> tuple[float, ...]: ...
     @property
     def books(self) -> tuple[str, ...]: ...
+    @property
+    def electrical(self) -> bool: ...
 
     def moves(
         self, stretch: float, own: Sequence[float], v: float

@@ -64,6 +64,7 @@ class LinearBranch:
 
     at_rest = (1.0, 1.0)
     books = ("heat",)
+    electrical = False
 
     def moves(
         self, stretch: float, own: Sequence[float], v: float
@@ -130,6 +131,7 @@ class NewtonianBranch:
 
     at_rest = (1.0,)
     books = ("heat",)
+    electrical = False
 
     def moves(
         self, stretch: float, own: Sequence[float], v: float

@@ -13,7 +13,8 @@ class EnergyBalance:
     `electrical_work` is ∫Σφ dq, `gas_work` is ∫p dV of the supply while the valve is open,
     `stored` the change of Π + Σφq, `dissipated` what the jumps lost. `imbalance` is what is left
     over, `exchanged` the work that went to and fro (``∫|·|``), against which it is to be judged.
-    `dissipated_in` says what each viscoelastic branch lost of that, by its balloon and number: "active_1".
+    `dissipated_in` says what of that each viscoelastic branch lost, by its balloon and number, as "active_1",
+    and what the resistance before a film, "active_resistance", and its leak, "active_leak".
     """
 
     electrical_work: float

@@ -53,6 +53,7 @@ COLUMNS: Mapping[str, Meaning] = MappingProxyType(
         "strength": Meaning("dielectric strength E_b of the film of a balloon", "√(μ/ε)"),
         "margin": Meaning("1 − |E|/E_b of a film with a strength; 0 is breakdown"),
         "sphericity": Meaning("how far a balloon is from turning into a pear, s of docs/shape.md", "μ"),
+        "supply": Meaning("voltage of a balloon's source behind its resistance", "H√(μ/ε)"),
         "inner": Meaning(
             "stretch in which a viscoelastic branch is free of stress; `_thickness` across the film"
         ),
@@ -105,6 +106,7 @@ def history_columns(history: History) -> Columns:
         **_by_name("strength", history.rated, history.strength),
         **_by_name("margin", history.rated, history.margin),
         **(_by_name("sphericity", history.balloons, history.sphericity) if history.sphericity.size else {}),
+        **(_by_name("supply", history.electroded, history.supply) if history.supply.size else {}),
         **_by_name("inner", history.inner_of, history.inner),
     }
     return _with_si(columns, history)

@@ -111,6 +111,8 @@ class History:
         The strength E_b of each film, and ``1 − |E|/E_b``, how far it is from breakdown.
     sphericity : (n_samples, n_balloons) array
         How far each balloon is from turning into a pear, over μ; empty with `[shape] on_loss = "ignore"`.
+    supply : (n_samples, n_electroded) array
+        The voltages of the sources where [supply] stands between them and the films; empty without it.
     inner_of : tuple of str
         The viscoelastic branches, `<balloon>_<number>` and `<balloon>_<number>_thickness`, in the order of
         the columns below.
@@ -148,6 +150,7 @@ class History:
     strength: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
     margin: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
     sphericity: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
+    supply: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
     inner_of: tuple[str, ...] = ()
     inner: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
     cycle: IntArray = dataclasses.field(default_factory=lambda: np.empty(0, dtype=np.int64))

@@ -28,6 +28,7 @@ _BY_NAME = {
     "strength": "rated",
     "margin": "rated",
     "sphericity": "balloons",
+    "supply": "electroded",
     "inner": "inner_of",
 }
 
@@ -177,9 +178,8 @@ def _array(name: str, names: dict[str, tuple[str, ...]], columns: dict[str, NDAr
     if name not in _BY_NAME:
         return columns[name]
     balloons = names[_BY_NAME[name]]
-    if name == "sphericity" and not all(f"{name}_{balloon}" in columns for balloon in balloons):
-        return np.empty((0, 0))
-    if name == "inner" and not balloons:
+    optional = name in ("sphericity", "supply", "inner")
+    if optional and not (balloons and all(f"{name}_{balloon}" in columns for balloon in balloons)):
         return np.empty((0, 0))
     size = columns["time"].size
     found = [np.asarray(columns[f"{name}_{balloon}"], dtype=np.float64) for balloon in balloons]

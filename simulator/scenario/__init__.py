@@ -11,6 +11,7 @@ from simulator.scenario.device import (
     Breakdown,
     ConstantBreakdown,
     Gas,
+    Leak,
     Maxwell,
     MaxwellPreset,
     PowerBreakdown,
@@ -35,7 +36,7 @@ from simulator.scenario.errors import Problem, ScenarioError
 from simulator.scenario.presets import PRESETS
 from simulator.scenario.recordings import Recording, RecordingByName
 from simulator.scenario.scales import Reference
-from simulator.scenario.settings import Dynamics, Output, Shape, Solver
+from simulator.scenario.settings import Dynamics, Output, Shape, Solver, Supply
 from simulator.scenario.steps import (
     BalloonSine,
     BalloonTriangle,
@@ -79,6 +80,7 @@ __all__ = [
     "Hold",
     "Inflate",
     "Jump",
+    "Leak",
     "Maxwell",
     "MaxwellPreset",
     "MooneyRivlin",
@@ -103,6 +105,7 @@ __all__ = [
     "SineWave",
     "Solver",
     "Step",
+    "Supply",
     "Table",
     "Tabulated",
     "Triangle",

@@ -9,7 +9,7 @@ from pydantic import BaseModel
 
 from simulator.scenario.device import Balloon, Gas
 from simulator.scenario.errors import Problem
-from simulator.scenario.settings import Dynamics, Output, Shape
+from simulator.scenario.settings import Dynamics, Output, Shape, Supply
 from simulator.scenario.steps import (
     Charge,
     Cycle,
@@ -61,6 +61,11 @@ class Parts(Protocol):
         ...
 
     @property
+    def supply(self) -> Supply | None:
+        """What is between the sources and the films; None for nothing."""
+        ...
+
+    @property
     def output(self) -> Output:
         """Which samples are wanted."""
         ...
@@ -76,6 +81,7 @@ def disagreements(scenario: Parts) -> Iterator[Problem]:
     names = [balloon.name for balloon in scenario.balloons]
     yield from _of_balloons(scenario, names)
     yield from _of_dynamics(scenario, names)
+    yield from _of_supply(scenario, names)
     for key, step in numbered(scenario.steps, "step"):
         if not isinstance(step, Inflate | Hold | Cycle):
             yield from _of_drive(scenario, key, step, names)
@@ -104,6 +110,12 @@ def _of_balloons(scenario: Parts, names: Sequence[str]) -> Iterator[Problem]:
         if balloon.maxwell and scenario.dynamics is None:
             key = f"balloon.{balloon.name}.maxwell"
             yield Problem(key, _plain(balloon.maxwell), "needs [dynamics] with a relaxation_time")
+        if balloon.leak and not balloon.electrodes:
+            key = f"balloon.{balloon.name}.leak"
+            yield Problem(key, _plain(balloon.leak), "needs electrodes = true on this balloon")
+        elif balloon.leak and scenario.supply is None:
+            key = f"balloon.{balloon.name}.leak"
+            yield Problem(key, _plain(balloon.leak), "needs [supply] with a resistance")
 
 
 def _of_dynamics(scenario: Parts, names: Sequence[str]) -> Iterator[Problem]:
@@ -111,12 +123,33 @@ def _of_dynamics(scenario: Parts, names: Sequence[str]) -> Iterator[Problem]:
         return
     if scenario.gas.law == "liquid":
         yield Problem("gas.law", "liquid", 'must be "isothermal" or "adiabatic" with [dynamics]')
-    if isinstance(times := scenario.dynamics.relaxation_time, dict):
-        for name in (name for name in times if name not in names):
-            allowed = f"no such balloon, must be one of {', '.join(names)}"
-            yield Problem(f"dynamics.relaxation_time.{name}", times[name], allowed)
-        for name in (name for name in names if name not in times):
-            yield Problem(f"dynamics.relaxation_time.{name}", None, "is missing, must be a number > 0")
+    yield from _by_name("dynamics.relaxation_time", scenario.dynamics.relaxation_time, names, names)
+
+
+def _of_supply(scenario: Parts, names: Sequence[str]) -> Iterator[Problem]:
+    supply = scenario.supply
+    if supply is None:
+        return
+    if scenario.dynamics is None:
+        yield Problem("supply", _plain(supply), "needs [dynamics] with a relaxation_time")
+    if not scenario.electroded:
+        yield Problem("supply", _plain(supply), "needs a balloon with electrodes = true, there is none")
+        return
+    yield from _by_name("supply.resistance", supply.resistance, scenario.electroded, names)
+    yield from _by_name("supply.current_limit", supply.current_limit, scenario.electroded, names)
+
+
+def _by_name(
+    key: str, given: float | dict[str, float] | None, wanted: Sequence[str], names: Sequence[str]
+) -> Iterator[Problem]:
+    """Numbers by name that are not one for each of some balloons."""
+    if not isinstance(given, dict):
+        return
+    for name in (name for name in given if name not in wanted):
+        lack = "has no electrodes" if name in names else "no such balloon"
+        yield Problem(f"{key}.{name}", given[name], f"{lack}, must be one of {', '.join(wanted)}")
+    for name in (name for name in wanted if name not in given):
+        yield Problem(f"{key}.{name}", None, "is missing, must be a number > 0")
 
 
 def _of_drive(

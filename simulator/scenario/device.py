@@ -10,6 +10,7 @@ from pydantic import AfterValidator, Field, TypeAdapter, ValidationInfo
 from simulator.scenario.elastomer import Elastomer
 from simulator.scenario.fields import (
     Chosen,
+    Conductivity,
     ElectricField,
     Float,
     Frozen,
@@ -80,6 +81,16 @@ Breakdown = Annotated[
 ]
 
 
+class Leak(Frozen):
+    """A film that conducts: `conductivity`, in units of ε per time, at small fields.
+
+    It is multiplied by e for every `field`, in units of √(μ/ε); None: it is the same at all fields.
+    """
+
+    conductivity: Conductivity
+    field: Annotated[ElectricField | None, Field(description="a number > 0")] = None
+
+
 class Maxwell(Frozen):
     """A spring (`modulus`) in series with a dashpot, beside the elastomer: relaxes in the time `time`.
 
@@ -146,6 +157,7 @@ class Balloon(Frozen):
         Chosen(_maxwell),
         Field(description=_A_BRANCH),
     ] = None
+    leak: Annotated[Leak | None, Field(description="a table such as { conductivity = 1e-3 }")] = None
     elastomer: Elastomer
 
     @property

@@ -17,7 +17,7 @@ from simulator.scenario.fields import Frozen, Text, not_empty, problems_of
 from simulator.scenario.mapping import all_values, near, with_values
 from simulator.scenario.reading import check_kind, read_toml
 from simulator.scenario.scales import Scaled, scales_of
-from simulator.scenario.settings import Dynamics, Output, Shape, Solver
+from simulator.scenario.settings import Dynamics, Output, Shape, Solver, Supply
 from simulator.scenario.steps import PlayedStep, Step, unrolled
 from simulator.units import Scales, as_written
 
@@ -46,6 +46,7 @@ class Scenario(Frozen):
         alias="step", description="one or more [[step]] tables"
     )
     dynamics: Annotated[Dynamics | None, Field(description="a table with relaxation_time")] = None
+    supply: Annotated[Supply | None, Field(description="a table with resistance")] = None
     shape: Annotated[Shape, Field(description="a table with on_loss")] = Shape()
     output: Annotated[Output, Field(description="a table with points or every")] = Output()
     solver: Annotated[Solver, Field(description="a table with rtol")] = Solver()

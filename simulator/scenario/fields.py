@@ -120,6 +120,12 @@ ElectricField = Annotated[Positive, Measured(units.FIELD)]
 
 ElectricCharge = Annotated[Number, Measured(units.CHARGE)]
 
+Resistance = Annotated[Positive, Measured(units.RESISTANCE)]
+
+Current = Annotated[Positive, Measured(units.CURRENT)]
+
+Conductivity = Annotated[Positive, Measured(units.CONDUCTIVITY)]
+
 Text = Annotated[str, Field(strict=True, pattern=r"\S", description="a non-empty text")]
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal
 
 from pydantic import Field, PlainSerializer
 
-from simulator.scenario.fields import ByName, Chosen, Float, Frozen, Int, Time
+from simulator.scenario.fields import ByName, Chosen, Current, Float, Frozen, Int, Resistance, Time
 from simulator.units import as_written
 
 CHORD = 2e-4
@@ -42,6 +43,36 @@ class Dynamics(Frozen):
     def relaxation_of(self, name: str) -> float:
         """The relaxation time of a balloon."""
         return self.relaxation_time[name] if isinstance(self.relaxation_time, dict) else self.relaxation_time
+
+
+class Supply(Frozen):
+    """What is between the sources and the films: a resistance, and the largest current that a source gives.
+
+    For all balloons with electrodes, or by name.
+    """
+
+    resistance: Annotated[
+        float | dict[str, float],
+        Chosen(ByName(Resistance)),
+        PlainSerializer(as_written),
+        Field(description="a number > 0, or a table with one for every balloon with electrodes by name"),
+    ]
+    current_limit: Annotated[
+        float | dict[str, float] | None,
+        Chosen(ByName(Current)),
+        PlainSerializer(as_written),
+        Field(description="a number > 0, or a table with one for every balloon with electrodes by name"),
+    ] = None
+
+    def resistance_of(self, name: str) -> float:
+        """The resistance between a balloon's film and its source."""
+        return self.resistance[name] if isinstance(self.resistance, dict) else self.resistance
+
+    def current_limit_of(self, name: str) -> float:
+        """The largest current of a balloon's source; inf for none."""
+        if self.current_limit is None:
+            return math.inf
+        return self.current_limit[name] if isinstance(self.current_limit, dict) else self.current_limit
 
 
 class Shape(Frozen):

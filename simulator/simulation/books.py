@@ -29,7 +29,7 @@ class Books:
     works : (n_electroded,) array
         ∫φ dq of the source of each; their sum is `electrical_work`.
     dissipated_in : dict of str to float
-        What of `dissipated` was lost in which viscoelastic branch.
+        What of `dissipated` was lost in which viscoelastic branch, resistance or leak.
     """
 
     electroded: tuple[int, ...] = ()
@@ -53,6 +53,16 @@ class Books:
         work = 0.5 * float(unit @ (after**2 - before**2))
         self.electrical_work += work
         self.stored += work
+
+    def source_works(self, place: int, work: float) -> None:
+        """Book what one source has done, that of a place among the balloons with electrodes."""
+        self.works[place] += work
+        self.electrical_work += work
+
+    def lose(self, name: str, lost: float) -> None:
+        """Book what was lost in one place."""
+        self.dissipated += lost
+        self.dissipated_in[name] = self.dissipated_in.get(name, 0.0) + lost
 
     def along_branch(self, group: Group, branch: Branch | None, start: float, end: float) -> None:
         """Book the way of a group along a branch from one v to another: work by quadrature, storage by

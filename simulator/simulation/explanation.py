@@ -257,8 +257,23 @@ def _equations(group: Group, device: Device, scenario: Scenario) -> Iterator[str
         yield f"flow of {name}: {scenario.dynamics.relaxation_of(name):g} dλ/dt = −[{terms}]{wave}"
         for _, moves in branches:
             yield f"Maxwell branch of {name}: {moves}"
+        if scenario.supply is not None and place in device.electroded:
+            yield f"charge of {name}: {_charging(scenario, place)}, φ = q / ({r**2 * e / h:g} λ⁴)"
     if equations.has_pressure:
         yield device.law.formula()
+
+
+def _charging(scenario: Scenario, place: int) -> str:
+    """How the charge of a film behind a resistance moves."""
+    balloon, supply = scenario.balloons[place], scenario.supply
+    assert supply is not None
+    text = f"dq/dt = (φ_s − φ) / {supply.resistance_of(balloon.name):g}"
+    if math.isfinite(limit := supply.current_limit_of(balloon.name)):
+        text += f" within ±{limit:g}"
+    if (leak := balloon.leak) is not None:
+        rises = f" exp(|E| / {leak.field:g})" if leak.field else ""
+        text += f" − {leak.conductivity / balloon.permittivity:g}{rises} q"
+    return text
 
 
 def _branch(branch: Maxwell, number: str) -> tuple[str, str]:
@@ -305,6 +320,8 @@ def _left_out(scenario: Scenario, steps: Sequence[PlayedStep], seen: set[str]) -
         yield "time: balloons follow at once, no [dynamics]"
     elif not any(balloon.maxwell for balloon in scenario.balloons):
         yield "creep: no balloon has a Maxwell branch"
+    if scenario.dynamics is not None and scenario.supply is None and scenario.electroded:
+        yield "charging of the films: the sources have no resistance, no [supply]"
     if scenario.dynamics is None and any(isinstance(s, Hold) for s in steps):
         yield "integration of holds: the state is kept, and copied"
 

@@ -22,6 +22,7 @@ from simulator.solver.viscous import Flow
 
 if TYPE_CHECKING:
     from simulator.model.device import Device
+    from simulator.simulation.sources import Sources
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -39,6 +40,7 @@ class PassageStates:
 
     passage: Passage
     flow: Flow
+    sources: Sources
     way: Way
     drive: Drive
 
@@ -50,11 +52,13 @@ class PassageStates:
             float(group.equations.pressure(self.flow.state(group, x.tolist(), at)))
             for x, at in zip(stretch, v.tolist(), strict=True)
         ]
-        return Samples(stretch, np.array(pressure), self.way.at(v), own)
+        given = self.way.at(v)
+        voltage, supply = self.sources.voltage(given, stretch, own), self.sources.supply(given)
+        return Samples(stretch, np.array(pressure), voltage, own, supply)
 
-    def voltage(self, times: FloatArray) -> FloatArray:
-        """The voltages at n times of the passage, (n, n_electroded)."""
-        return np.asarray(self.way.at(self._drives(times)))
+    def voltage(self, times: FloatArray, stretch: FloatArray, own: FloatArray) -> FloatArray:
+        """The voltages of the films in n states at n times of the passage, (n, n_electroded)."""
+        return self.sources.voltage(np.asarray(self.way.at(self._drives(times))), stretch, own)
 
     def _drives(self, times: Sequence[float] | FloatArray) -> FloatArray:
         return np.array([self.drive(float(t))[0] for t in times])
@@ -131,7 +135,7 @@ def closer(
 
 def extremes(
     states: PassageStates, device: Device, cycles: Callable[[FloatArray], IntArray]
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Where in a passage stretches, fields and their shares of strengths are largest or smallest, by cycle.
 
     Parameters
@@ -146,26 +150,29 @@ def extremes(
     times : (k,) array
         In order.
     stretch : (k, n_balloons) array
+    own : (k, n_own) array
     """
     steps = states.passage.steps
     found: dict[float, FloatArray] = {}
     if steps.time.size > 2 * _BESIDE:
-        values = _watched(states, device, steps.stretch, steps.time)
+        values = _watched(states, device, np.hstack([steps.stretch, steps.own]), steps.time)
         number = cycles(steps.time)
         for one in np.unique(number):
             mine = np.flatnonzero(number == one)
             for column in range(values.shape[1]):
                 for sign in (1.0, -1.0):
                     place = int(mine[np.argmax(sign * values[mine, column])])
-                    time, stretch = _polished(states, device, place, column, sign)
-                    found[time] = stretch
-    order = sorted(found)
-    return np.array(order), np.array([found[time] for time in order]).reshape(-1, steps.stretch.shape[1])
+                    time, unknowns = _polished(states, device, place, column, sign)
+                    found[time] = unknowns
+    order, balloons = sorted(found), steps.stretch.shape[1]
+    rows = np.array([found[time] for time in order]).reshape(-1, balloons + steps.own.shape[1])
+    return np.array(order), rows[:, :balloons], rows[:, balloons:]
 
 
-def _watched(states: PassageStates, device: Device, stretch: FloatArray, times: FloatArray) -> FloatArray:
-    """All that is largest or smallest somewhere, (n, n_quantities), in n states."""
-    fields = np.abs(device.field(stretch, states.voltage(times)))
+def _watched(states: PassageStates, device: Device, unknowns: FloatArray, times: FloatArray) -> FloatArray:
+    """All that is largest or smallest somewhere, (n, n_quantities), in n states of stretches and own unknowns."""
+    stretch, own = np.split(unknowns, [states.passage.stretch.shape[1]], axis=1)
+    fields = np.abs(device.field(stretch, states.voltage(times, stretch, own)))
     shares = fields[:, list(device.rated)] / device.breakdown_field(stretch)
     return np.column_stack([stretch, fields, shares])
 
@@ -174,7 +181,8 @@ def _polished(
     states: PassageStates, device: Device, place: int, column: int, sign: float
 ) -> tuple[float, FloatArray]:
     """Where a quantity is largest (sign 1) or smallest beside a step: on a polynomial through some steps."""
-    times, values = states.passage.steps.time, states.passage.steps.stretch
+    steps = states.passage.steps
+    times, values = steps.time, np.hstack([steps.stretch, steps.own])
     chosen = _apart(times, place)
     here = chosen.index(place)
     low, high = times[chosen[max(here - 1, 0)]], times[chosen[min(here + 1, len(chosen) - 1)]]
@@ -182,14 +190,14 @@ def _polished(
     powers = np.polynomial.polynomial.polyvander((times[chosen] - times[place]) / size, len(chosen) - 1)
     coefficients = np.linalg.solve(powers, values[chosen])
 
-    def stretch(when: FloatArray) -> FloatArray:
+    def unknowns(when: FloatArray) -> FloatArray:
         return np.asarray(np.polynomial.polynomial.polyval((when - times[place]) / size, coefficients).T)
 
     for _ in range(_ROUNDS):
         grid = np.linspace(low, high, _GRID)
-        best = int(np.argmax(sign * _watched(states, device, stretch(grid), grid)[:, column]))
+        best = int(np.argmax(sign * _watched(states, device, unknowns(grid), grid)[:, column]))
         low, high = grid[max(best - 1, 0)], grid[min(best + 1, _GRID - 1)]
-    return float(grid[best]), stretch(grid[best : best + 1])[0]
+    return float(grid[best]), unknowns(grid[best : best + 1])[0]
 
 
 def _apart(times: FloatArray, place: int) -> list[int]:

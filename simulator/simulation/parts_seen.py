@@ -1,4 +1,7 @@
-"""What a history shows of the parts that balloons have besides their walls: all states at once, in arrays."""
+"""What a history shows of the parts that balloons have besides their walls: all states at once, in arrays.
+
+What a voltage does the device knows by itself, from the voltage of the film.
+"""
 
 from __future__ import annotations
 
@@ -40,14 +43,13 @@ class PartsSeen:
     @classmethod
     def of(cls, material: Material, device: Device, stretch: FloatArray, own: FloatArray) -> PartsSeen:
         """The parts of a device in n states: stretches (n, n_balloons) and own unknowns (n, n_own)."""
-        added = np.zeros_like(stretch)
-        for i, more in enumerate(material.stiffening(stretch.T, own.T)):
-            added[:, i] = device.radius[i] ** 2 * device.thickness[i] * more
-        rounder = np.zeros_like(stretch)
+        stiffer, rounder, energy = np.zeros_like(stretch), np.zeros_like(stretch), np.zeros(len(stretch))
         columns: dict[str, FloatArray] = {}
-        for slot in material.slots:
-            i, mine = slot.balloon, own[:, slot.own]
-            rounder[:, i] += slot.part.sphericity(stretch[:, i], mine.T)
+        for slot in (slot for slot in material.slots if not slot.part.electrical):
+            i, x, mine = slot.balloon, stretch[:, slot.balloon], own[:, slot.own]
+            stiffer[:, i] += device.radius[i] ** 2 * device.thickness[i] * slot.part.stiffness(x, mine.T)
+            rounder[:, i] += slot.part.sphericity(x, mine.T)
+            energy += slot.part.energy(x, mine.T)
             for ends, values in slot.part.columns(mine).items():
                 columns["_".join(filter(None, (device.names[i], f"{slot.number + 1}", ends)))] = values
-        return cls(np.asarray(material.stored(stretch.T, own.T)), added, rounder, columns)
+        return cls(energy, stiffer, rounder, columns)

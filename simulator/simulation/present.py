@@ -24,25 +24,29 @@ _NOTHING = np.empty(0)
 class Snapshot(NamedTuple):
     """A state of the whole device: stretches (n_balloons,), pressure, and voltages (n_electroded,).
 
-    In real time also what else moves in the balloons, (n_own,).
+    In real time also what else moves in the balloons, (n_own,), and the voltages of sources, (n_electroded,),
+    where these are not those of the films.
     """
 
     stretch: FloatArray
     pressure: float
     voltage: FloatArray
     own: FloatArray = _NOTHING
+    supply: FloatArray = _NOTHING
 
 
 class Samples(NamedTuple):
     """n states: stretches (n, n_balloons), pressures (n,), and voltages (n, n_electroded).
 
-    In real time also what else moves in the balloons, (n, n_own).
+    In real time also what else moves in the balloons, (n, n_own), and the voltages of sources,
+    (n, n_electroded), where these are not those of the films.
     """
 
     stretch: FloatArray
     pressure: FloatArray
     voltage: FloatArray
     own: FloatArray = _NOTHING
+    supply: FloatArray = _NOTHING
 
     def part(self, begin: int, end: int) -> Samples:
         """Some of them."""
@@ -51,8 +55,8 @@ class Samples(NamedTuple):
     @property
     def last(self) -> Snapshot:
         """The last of them."""
-        own = self.own[-1] if self.own.size else _NOTHING
-        return Snapshot(self.stretch[-1], float(self.pressure[-1]), self.voltage[-1], own)
+        own, supply = (values[-1] if values.size else _NOTHING for values in (self.own, self.supply))
+        return Snapshot(self.stretch[-1], float(self.pressure[-1]), self.voltage[-1], own, supply)
 
 
 @dataclass
@@ -80,7 +84,9 @@ class Present:
     largest_voltage : float
         That there has been so far: what rounding leaves of voltages is in proportion to it.
     own : (n_own,) array
-        What else moves in the balloons in real time: inner strains.
+        What else moves in the balloons in real time: inner strains, charges.
+    supply : (n_electroded,) array
+        The voltages of sources that are not those of the films; none where they are.
     """
 
     device: Device
@@ -96,6 +102,7 @@ class Present:
     step: int
     largest_voltage: float = 0.0
     own: FloatArray = field(default_factory=lambda: _NOTHING)
+    supply: FloatArray = field(default_factory=lambda: _NOTHING)
 
     @classmethod
     def unstretched(cls, device: Device) -> Present:
@@ -107,7 +114,7 @@ class Present:
     @property
     def snapshot(self) -> Snapshot:
         """The state that it is in."""
-        return Snapshot(self.stretch, self.pressure, self.voltage, self.own)
+        return Snapshot(self.stretch, self.pressure, self.voltage, self.own, self.supply)
 
     @property
     def contents(self) -> Contents | None:
@@ -118,7 +125,12 @@ class Present:
     def electrodes(self) -> Electrodes:
         """The voltages and charges of the electrodes."""
         charge = self.charge if self.given == "charge" else self._charges()
-        return Electrodes(self.voltage.tolist(), charge.tolist(), self.given)
+        return Electrodes(self.given_voltage.tolist(), charge.tolist(), self.given)
+
+    @property
+    def given_voltage(self) -> FloatArray:
+        """The voltages of the sources."""
+        return self.supply if self.supply.size else self.voltage
 
     def seal(self) -> None:
         """Close the valve in the present state."""
@@ -141,11 +153,11 @@ class Present:
     def is_at(self, voltage: FloatArray) -> bool:
         """Whether the voltages are these, but for the last digits of several that move along one way."""
         largest = max(float(np.abs(voltage).max()), self.largest_voltage)
-        return bool(np.abs(voltage - self.voltage).max() <= ULPS * largest)
+        return bool(np.abs(voltage - self.given_voltage).max() <= ULPS * largest)
 
     def take(self, state: Snapshot) -> None:
         """Be in another state."""
-        self.stretch, self.pressure, self.voltage, self.own = state
+        self.stretch, self.pressure, self.voltage, self.own, self.supply = state
         self.largest_voltage = max(self.largest_voltage, float(np.abs(self.voltage).max(initial=0.0)))
 
     def with_groups(

@@ -23,6 +23,7 @@ from simulator.simulation.legs import SAME_INSTANT
 from simulator.simulation.present import Samples, Snapshot
 from simulator.simulation.sampling import sample_fractions
 from simulator.simulation.shape import ShapeChange, ShapeWatch
+from simulator.simulation.sources import sources_of
 from simulator.solver.ida import Effort
 from simulator.solver.margins import added_to_shape
 from simulator.solver.passage import Friction, Material, Passage
@@ -52,12 +53,15 @@ class RealTime:
     def __init__(self, scenario: Scenario, record: Recorder, books: Books) -> None:
         self.scenario, self.record, self.books = scenario, record, books
         self.effort = Effort()
-        self.shapes = None if scenario.shape.on_loss == "ignore" else ShapeWatch()
-        self.material = material_of(scenario)
+        self.sources = sources_of(scenario, record.present.device, material_of(scenario))
+        self.material = self.sources.material(None)
+        charged = self.sources.charged
+        self.shapes = None if scenario.shape.on_loss == "ignore" else ShapeWatch(charged=charged)
         self.ranges = None if scenario.output.on_grid else Ranges()
         self.lasts = sum(duration(step) for step in scenario.played_steps()) or 1.0
         self.no_pressure = _SLACK * scenario.gas.ambient_pressure
         record.present.own = self.material.at_rest()
+        record.present.supply = self.sources.supply(record.present.voltage)
         record.material = self.material if self.material.slots else None
         # What held the balloons until now: before the first step nothing, as with the valve open.
         self.held_by: Contents | None = None
@@ -75,13 +79,12 @@ class RealTime:
         target = way.at(v)
         if present.is_at(target):
             return False
-        before = VoltageLine.still(present.voltage.tolist())
+        before = VoltageLine.still(present.given_voltage.tolist())
         still = VoltageLine.still(target.tolist())
         held = self._stable(before, self.held_by)
-        self.books.change_voltages(present.device, present.stretch, present.voltage, target)
-        present.voltage = target
+        self.sources.change(present, self.books, target)
         self.record.sample_now()
-        groups = motion.all_balloons(present.device, still, present.pressure, present.contents)
+        groups = motion.all_balloons(self.sources.device, still, present.pressure, present.contents)
         if not self._ends_at_once(groups, 0.0) and held and not self._stable(still, present.contents):
             self.record.event(EventKind.LIMIT_POINT, present.snapshot, present.snapshot, 0.0)
         self.held_by = present.contents
@@ -96,7 +99,7 @@ class RealTime:
                 present.unknowns(group, 0.0).tolist(), [added[i] for i in group.members]
             )
             >= 0.0
-            for group in motion.all_balloons(present.device, way, present.pressure, contents)
+            for group in motion.all_balloons(self.sources.device, way, present.pressure, contents)
         )
 
     def travel(
@@ -108,7 +111,7 @@ class RealTime:
         fractions = sample_fractions(self.scenario.output, step, legs, lasts)
         for leg in legs:
             groups = motion.moving(
-                self.scenario, present.device, step, leg, present.pressure, present.contents
+                self.scenario, self.sources.device, step, leg, present.pressure, present.contents
             )
             self._leg(
                 groups, leg, leg.within(fractions), start + lasts * leg.start, lasts * (leg.end - leg.start)
@@ -122,9 +125,10 @@ class RealTime:
         present, waveform = self.record.present, leg.waveform
         if self._ends_at_once(groups, float(waveform.values[0])):
             return
-        flow = Flow(groups, self.material, self.scenario.shape.on_loss, self.no_pressure)
+        material = self.sources.material(leg.way)
+        flow = Flow(groups, material, self.scenario.shape.on_loss, self.no_pressure)
         for begin, end, drive in smooth_parts(waveform, lasts):
-            if self._goes_slack(flow, drive, (end - begin) * lasts):
+            if self._goes_slack(flow, leg.way, drive, (end - begin) * lasts):
                 self.record.event(EventKind.LOSS_OF_TENSION, present.snapshot)
                 return
             within = fractions[(fractions > begin + SAME_INSTANT) & (fractions <= end + SAME_INSTANT)]
@@ -136,7 +140,7 @@ class RealTime:
             passage = flow.run(drive, before, own_before, times, self.effort)
             wanted = np.full(times.size, True)
             wanted[0], wanted[-1] = False, bool(at_end.any())  # the first is here already
-            states = PassageStates(passage, flow, leg.way, drive)
+            states = PassageStates(passage, flow, self.sources, leg.way, drive)
             place = np.searchsorted(times, passage.time)
             clock, wanted = (start + marks * lasts)[place], wanted[place]
             self._extremes(states, clock[0])
@@ -150,7 +154,7 @@ class RealTime:
                 raise ArithmeticError(f"{unseen} was passed unseen")
         present.time = start + lasts
 
-    def _goes_slack(self, flow: Flow, drive: Drive, lasts: float) -> bool:
+    def _goes_slack(self, flow: Flow, way: Way, drive: Drive, lasts: float) -> bool:
         """Whether balloons without pressure lose their tension as a part of a leg begins: where they grow."""
         present = self.record.present
         if abs(present.pressure) < self.no_pressure:
@@ -162,6 +166,8 @@ class RealTime:
         swelling, fastest = flow.swelling(present.stretch, present.own, v)
         if fastest * lasts > _AT_REST:
             return swelling > 0.0
+        if self.sources.charged:  # films without a charge, which any voltage of a source gives one
+            return bool(np.any(way.at(ahead)))
         return any(loses_tension(g.equations, present.unknowns(g, v), ahead) for g in empty)
 
     def _ends_at_once(self, groups: Sequence[Group], v: float) -> bool:
@@ -206,12 +212,12 @@ class RealTime:
     def _extremes(self, states: PassageStates, begins: float) -> None:
         """Note where in a passage, that begins at a time, something is largest or smallest."""
         cycles = self.record.cycles
-        times, stretch = extremes(
+        times, stretch, own = extremes(
             states, self.record.present.device, lambda times: cycles.numbers(begins + times)
         )
         if times.size:
             nothing = np.full(times.size, np.nan)
-            found = Samples(stretch, nothing, states.voltage(times))
+            found = Samples(stretch, nothing, states.voltage(times, stretch, own))
             self.record.between_samples(begins + times, found)
 
     def _closer(
@@ -310,16 +316,21 @@ class RealTime:
             work = float(passage.work[place])
 
     def _book_parts(self, passage: Passage, first: int, last: int) -> None:
-        """What the parts have dissipated between two of the times of a passage."""
-        names = self.record.present.device.names
-        for slot in self.material.slots:
-            lost = float(np.sum(passage.books[last, slot.books] - passage.books[first, slot.books]))
-            name = f"{names[slot.balloon]}_{slot.number + 1}"
-            self.books.dissipated += lost
-            self.books.dissipated_in[name] = self.books.dissipated_in.get(name, 0.0) + lost
+        """What the parts have exchanged between two of the times of a passage."""
+        device = self.record.present.device
+        for i, number, part, _, places in self.material.slots:
+            amounts = passage.books[last, places] - passage.books[first, places]
+            for book, amount in zip(part.books, amounts.tolist(), strict=True):
+                if book == "work":
+                    self.books.source_works(device.electroded.index(i), amount)
+                elif book == "heat" or amount:
+                    which = f"{number + 1}" if book == "heat" else book
+                    self.books.lose(f"{device.names[i]}_{which}", amount)
 
     def _share(self, work: float) -> float:
-        """The work of the only source; of several only the sum is known."""
+        """The work of the only source; of several only the sum is known, unless each keeps its own books."""
+        if self.sources.charged:
+            return 0.0
         return work if len(self.books.electroded) == 1 else np.nan
 
 

@@ -42,6 +42,7 @@ class Rows:
     is_open: list[NDArray[np.bool_]] = field(default_factory=list)
     charged: list[NDArray[np.bool_]] = field(default_factory=list)
     own: list[FloatArray] = field(default_factory=list)
+    supply: list[FloatArray] = field(default_factory=list)
 
 
 @dataclass
@@ -130,6 +131,7 @@ class Recorder:
         rows.charged.append(np.full(count, present.given == "charge"))
         if self.material is not None:
             rows.own.append(states.own)
+            rows.supply.append(states.supply)
         present.take(states.last)
 
     def between_samples(self, times: FloatArray, states: Samples) -> None:
@@ -149,7 +151,7 @@ class Recorder:
     def sample_now(self) -> None:
         """Add a sample of the present state."""
         now = self.present
-        states = Samples(now.stretch[None], np.array([now.pressure]), now.voltage[None], now.own[None])
+        states = Samples(*(np.asarray(values)[None] for values in now.snapshot))
         self.samples(np.array([now.time]), states)
 
     def event(
@@ -258,7 +260,7 @@ class Recorder:
         sphericity = (
             np.empty((0, 0)) if scenario.shape.on_loss == "ignore" else device.sphericity(stretch, voltage)
         )
-        parts = PartsSeen()
+        parts, supplied = PartsSeen(), self.present.supply.size > 0
         if self.material:
             parts = PartsSeen.of(self.material, device, stretch, np.concatenate(rows.own))
             energy = energy + parts.energy
@@ -289,6 +291,7 @@ class Recorder:
             strength=strength,
             margin=1.0 - np.abs(true_field[:, list(device.rated)]) / strength,
             sphericity=sphericity,
+            supply=np.concatenate(rows.supply) if supplied else np.empty((0, 0)),
             inner_of=tuple(parts.columns),
             inner=np.column_stack(list(parts.columns.values())) if parts.columns else np.empty((0, 0)),
             extremes=Extremes.of(whole.stretch, whole.field),

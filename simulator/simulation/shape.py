@@ -76,13 +76,15 @@ class ShapeWatch:
     """What is known of the balloons' shapes in a run: which are spheres now, and where branches lose it."""
 
     lost: set[tuple[int, str]] = field(default_factory=set)
+    charged: frozenset[int] = frozenset()  # balloons that have a charge which is not in their equations
     _crossings: dict[tuple[Branch, int, int, str], list[_Crossing]] = field(default_factory=dict)
     _conditions: dict[AnyEquations, tuple[ShapeCondition, ...]] = field(default_factory=dict)
 
     def conditions(self, group: Group) -> tuple[ShapeCondition, ...]:
         """What keeps the balloons of a group spheres."""
         if group.equations not in self._conditions:
-            self._conditions[group.equations] = shape_conditions(group.equations)
+            charged = [place for place, i in enumerate(group.members) if i in self.charged]
+            self._conditions[group.equations] = shape_conditions(group.equations, charged)
         return self._conditions[group.equations]
 
     def on_the_way(self, responses: Sequence[Response], waveform: Waveform) -> list[ShapeChange]:
@@ -152,7 +154,7 @@ class ShapeWatch:
 
     def ahead(self) -> ShapeWatch:
         """The same as it is now, to look ahead with."""
-        return ShapeWatch(set(self.lost), self._crossings, self._conditions)
+        return ShapeWatch(set(self.lost), self.charged, self._crossings, self._conditions)
 
     def first_loss(self, responses: Sequence[Response], waveform: Waveform) -> tuple[ShapeChange, int] | None:
         """The first loss in some responses, and how many exits of its response come before or with it.

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Literal
 
 from simulator.events import EventKind
 from simulator.model.conditions import shape_conditions, stability_in_motion
+from simulator.model.supply import SuppliedFilm
 
 if TYPE_CHECKING:
     from simulator.model.conditions import ShapeCondition
     from simulator.model.groups import Group
-    from simulator.solver.passage import Material
+    from simulator.solver.passage import Material, Slot
     from simulator.solver.viscous import Flow
 
 # What a loss of sphericity does to a flow.
@@ -42,12 +43,24 @@ def watched(flow: Flow) -> Iterator[Watched]:
                 continue
             rounding = flow.no_pressure * (condition.kind == EventKind.LOSS_OF_TENSION)
             yield Watched(condition.kind, _of(flow, group, condition.margin, rounding=rounding), ends=True)
-        for shape in shape_conditions(group.equations) if flow.shapes != "ignore" else ():
+        charged = [
+            group.members.index(slot.balloon)
+            for slot in flow.slots
+            if slot.part.electrical and slot.balloon in group.members
+        ]
+        for shape in shape_conditions(group.equations, charged) if flow.shapes != "ignore" else ():
             balloon, stops = group.members[shape.place], flow.shapes == "stop"
             margin = _of_shape(flow, group, shape)
             lost = Watched(EventKind.LOSS_OF_SPHERICITY, margin, stops, balloon, shape.mode)
             yield lost
             yield replace(lost, kind=EventKind.SPHERICITY_REGAINED, margin=_opposite(margin), ends=False)
+    for slot in flow.slots:
+        if isinstance(slot.part, SuppliedFilm) and slot.part.strength is not None:
+            yield Watched(EventKind.BREAKDOWN, _intactness(slot.part, slot), ends=True)
+
+
+def _intactness(film: SuppliedFilm, slot: Slot) -> Callable[[list[float], float], float]:
+    return lambda values, v: film.intactness(values[slot.balloon], values[slot.own])
 
 
 def _of(

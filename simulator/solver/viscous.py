@@ -58,7 +58,7 @@ class Flow:
         self._loss = [f.coefficient * w.weight / w.modulus for f, w in pairs]
         self._exponent = [f.exponent for f in material.friction]
         self._own = slice(self.count, self.count + material.at_rest().size)
-        self._slots = [_moved(slot, self.count, self._own.stop) for slot in material.slots]
+        self.slots = [_moved(slot, self.count, self._own.stop) for slot in material.slots]
 
     def state(self, group: Group, stretch: Sequence[float], v: float) -> list[float]:
         """The unknowns of a group's equations, the pressure from the gas law."""
@@ -79,7 +79,7 @@ class Flow:
 
     def _start(self, stretch: Sequence[float], own: Sequence[float]) -> list[float]:
         """All unknowns, the books empty."""
-        books = self._slots[-1].books.stop - self._own.stop if self._slots else 0
+        books = self.slots[-1].books.stop - self._own.stop if self.slots else 0
         return [*stretch, *own, *[0.0] * (books + 2)]
 
     def _rates(self, values: Sequence[float], v: float, speed: float) -> list[float]:
@@ -92,7 +92,7 @@ class Flow:
             for i, force in zip(group.members, forces, strict=False):
                 rates[i] = -force / (self._walls[i].elastomer.pole_form(values[i])[1] * self._slow[i])
             power += float(group.equations.drive_power(state))
-        for i, _, part, own, books in self._slots:
+        for i, _, part, own, books in self.slots:
             share, rates[own], rates[books] = part.moves(values[i], values[own], v)
             rates[i] -= share / self.material.friction[i].coefficient
         for i, exponent in enumerate(self._exponent):
@@ -120,7 +120,7 @@ class Flow:
                     else math.nan
                 )
             power += float(group.equations.drive_power(state))
-        for i, _, part, own, books in self._slots:
+        for i, _, part, own, books in self.slots:
             wall = self._walls[i]
             share, moves, powers = part.moves(values[i], values[own], v)
             out[i] += wall.elastomer.pole_form(values[i])[1] * share / wall.modulus
@@ -153,7 +153,7 @@ class Flow:
                     * x**n
                     * (cj * denominator + (law.pole_form_slope(x)[1] + denominator * n / x) * speeds[i])
                 )
-        for slot in self._slots:
+        for slot in self.slots:
             self._of_part(slot, values, v, cj, out)
         out[-2][-2] = out[-1][-1] = cj
         for i, c in enumerate(self._loss):
@@ -245,7 +245,7 @@ class Flow:
         # A third time, or IDA's own steps would be returned.
         asked = times if times.size > 2 else np.array([times[0], times.mean(), times[-1]])
         states = self._own.stop
-        rtol = _RTOL_OF_PARTS if self._slots else _RTOL
+        rtol = _RTOL_OF_PARTS if self.slots else _RTOL
 
         def integrated(atol_energy: float) -> Course:
             atol = np.array([*[_ATOL] * states, *[atol_energy * rounding] * (start.size - states)])

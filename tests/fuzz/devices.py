@@ -188,6 +188,34 @@ def dynamics(rng: Rng, balloons: list[Document], pace: float) -> Document:
     return {"relaxation_time": relaxation()}
 
 
+def supply(rng: Rng, balloons: list[Document], pace: float) -> Document | None:
+    """What is between the sources and the films, and how the films leak; mostly nothing."""
+    films = [balloon for balloon in balloons if balloon.get("electrodes")]
+    if not films or not chance(rng, 0.3):
+        return None
+
+    def resistance(balloon: Document) -> float:
+        size = part(balloon, "radius") ** 2 * part(balloon, "permittivity") / part(balloon, "thickness")
+        return rounded(rng, pace * log_uniform(rng, 1e-4, 10.0) / size)
+
+    for balloon in films:
+        if chance(rng, 0.4):
+            balloon["leak"] = {
+                "conductivity": rounded(
+                    rng, part(balloon, "permittivity") * log_uniform(rng, 1e-3, 1.0) / pace
+                )
+            }
+            if chance(rng, 0.5):
+                unit = float(np.sqrt(part(balloon, "modulus") / part(balloon, "permittivity")))
+                balloon["leak"]["field"] = rounded(rng, unit * log_uniform(rng, 0.5, 10.0))
+    found: Document = {"resistance": resistance(films[0])}
+    if chance(rng, 0.3):
+        found["resistance"] = {balloon["name"]: resistance(balloon) for balloon in films}
+    if chance(rng, 0.3):
+        found["current_limit"] = rounded(rng, voltage_unit(films[0]) / resistance(films[0]))
+    return found
+
+
 def _branches(rng: Rng, stiffness: float, pace: float) -> Document | list[Document]:
     """One viscoelastic branch, or a list of one to three."""
 

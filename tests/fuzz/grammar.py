@@ -47,6 +47,8 @@ def scenario(rng: Rng, folder: Path) -> Document:
     document["step"] = Course(rng, balloons, document["gas"], pace, dynamic, folder).steps()
     if dynamic:
         document["dynamics"] = devices.dynamics(rng, balloons, pace)
+        if supply := devices.supply(rng, balloons, pace):
+            document["supply"] = supply
     if output := _output(rng, document["step"]):
         document["output"] = output
     if chance(rng, 0.1):

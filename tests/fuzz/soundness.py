@@ -163,7 +163,8 @@ def _drive(history: History) -> list[str]:
     names, films = list(history.balloons), list(history.electroded)
     places = [names.index(name) for name in films]
     steps: list[Any] = list(history.scenario.played_steps())
-    unit = max([1.0, *np.max(np.abs(history.voltage), axis=0, initial=0.0)])
+    driven = history.supply if history.supply.size else history.voltage
+    unit = max([1.0, *np.max(np.abs(driven), axis=0, initial=0.0)])
     clock = 0.0
     before = np.zeros(len(names))
     pressure = 0.0
@@ -185,19 +186,18 @@ def _drive(history: History) -> list[str]:
             for row in rows:
                 wanted = _voltages(parts, float(history.time[row]) - clock)
                 off = min(
-                    float(np.max(np.abs(history.voltage[row] - candidate[places])))
-                    for candidate in (*wanted, before)
+                    float(np.max(np.abs(driven[row] - candidate[places]))) for candidate in (*wanted, before)
                 )
                 if off > DRIVE * unit:
                     return [f"step {number}, sample {row}: the voltage is off the drive by {off:.2g}"]
             before = np.zeros(len(names))
-            before[places] = history.voltage[rows[-1]]
+            before[places] = driven[rows[-1]]
         elif rows.size and films:
             if charges:
                 problem = _charges(history, step, number, rows, clock)
                 if problem:
                     return [problem]
-            before[places] = history.voltage[rows[-1]]
+            before[places] = driven[rows[-1]]
         if rows.size:
             clock = float(history.time[rows[-1]])
             pressure = float(history.pressure[rows[-1]])

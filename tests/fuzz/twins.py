@@ -87,9 +87,9 @@ def paced(document: Document, rng: Rng, folder: Path) -> Twin | None:
     """All times longer by a factor, which is no power of two."""
     factor = float(rng.choice([3.0, 0.1, 60.0]))
 
-    def times(value: Any) -> Any:
+    def times(value: Any, factor: float = factor) -> Any:
         if isinstance(value, dict):
-            return {key: times(part) for key, part in value.items()}
+            return {key: times(part, factor) for key, part in value.items()}
         if isinstance(value, str):
             number, unit = value.split()
             return f"{float(number) * factor!r} {unit}"
@@ -119,6 +119,15 @@ def paced(document: Document, rng: Rng, folder: Path) -> Twin | None:
                     {**one, "time": times(one["time"])} for one in ([named] if "time" in named else named)
                 ]
                 balloon["maxwell"] = slow[0] if "time" in named else slow
+        for balloon in twin["balloon"]:
+            if "leak" in balloon:
+                leak = balloon["leak"]
+                leak["conductivity"] = times(leak["conductivity"], 1.0 / factor)
+        if "supply" in twin:
+            supply = twin["supply"]
+            supply["resistance"] = times(supply["resistance"])
+            if "current_limit" in supply:
+                supply["current_limit"] = times(supply["current_limit"], 1.0 / factor)
     if "every" in twin.get("output", {}):
         twin["output"] = {"every": times(twin["output"]["every"])}
     return Twin(twin, pace=factor)

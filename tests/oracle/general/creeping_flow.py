@@ -19,7 +19,7 @@ from scipy.integrate import BDF, LSODA, Radau
 from scipy.optimize import brentq
 
 from tests.oracle.general.elastomers import Law
-from tests.oracle.general.springs import AnySpring
+from tests.oracle.general.springs import AnySpring, Source
 
 FloatArray = NDArray[np.float64]
 
@@ -43,6 +43,7 @@ class Film:
     strength: Callable[[float], float] | None
     relaxation: float
     springs: tuple[AnySpring, ...]
+    source: Source | None = None
 
 
 @dataclass(frozen=True)
@@ -100,11 +101,15 @@ class FlowError(ArithmeticError):
 
 @dataclass
 class Motion:
-    """All balloons on one gas, and how fast they are: unknowns λ, inner stretches, and the heat so far."""
+    """All balloons on one gas, and how fast they are.
+
+    Unknowns are λ, inner stretches, the voltages of films behind resistances, and the heat so far.
+    """
 
     films: Sequence[Film]
     chamber: float
     springs: list[tuple[int, AnySpring, slice]] = field(init=False)
+    behind: dict[int, int] = field(init=False)
 
     def __post_init__(self) -> None:
         self.springs = []
@@ -113,6 +118,8 @@ class Motion:
             for spring in film.springs:
                 self.springs.append((i, spring, slice(begin, begin + spring.size)))
                 begin += spring.size
+        behind = [i for i, film in enumerate(self.films) if film.source is not None]
+        self.behind = {i: begin + place for place, i in enumerate(behind)}
 
     @property
     def count(self) -> int:
@@ -120,7 +127,14 @@ class Motion:
 
     def at_rest(self) -> FloatArray:
         inner = sum(spring.size for _, spring, _ in self.springs)
-        return np.concatenate([np.ones(self.count + inner), [0.0]])
+        return np.concatenate([np.ones(self.count + inner), np.zeros(len(self.behind) + 1)])
+
+    def voltages(self, time: float, y: FloatArray, drive: Drive) -> FloatArray:
+        """Those of the films."""
+        found = np.array(drive.voltages(time), dtype=float)
+        for i, place in self.behind.items():
+            found[i] = y[place]
+        return found
 
     def is_sound(self, y: FloatArray) -> bool:
         """Whether a state is one at all: numbers, and no wall beyond where it locks."""
@@ -151,11 +165,11 @@ class Motion:
         stretch, inner = y[: self.count], y[self.count : -1]
         if any(not 0.0 < x < film.wall.limit for film, x in zip(self.films, stretch, strict=True)):
             return np.full(y.size, np.nan)
-        if np.any(inner <= 0.0):
+        if np.any(inner[: len(inner) - len(self.behind)] <= 0.0):
             return np.full(y.size, np.nan)
         out = np.zeros(y.size)
         balance = self.forces(
-            stretch.tolist(), self.pressure(time, stretch.tolist(), drive), drive.voltages(time)
+            stretch.tolist(), self.pressure(time, stretch.tolist(), drive), self.voltages(time, y, drive)
         )
         heat = 0.0
         for i, spring, places in self.springs:
@@ -166,6 +180,15 @@ class Motion:
         for i, film in enumerate(self.films):
             out[i] = -balance[i] / film.relaxation
             heat += film.radius**2 * film.thickness * film.relaxation * out[i] ** 2
+        given = drive.voltages(time)
+        for i, place in self.behind.items():
+            film, x, phi = self.films[i], float(stretch[i]), float(y[place])
+            assert film.source is not None
+            capacity = film.radius**2 * film.permittivity / film.thickness * x**4
+            true_field, charge = phi * x * x / film.thickness, capacity * phi
+            here, lost = film.source.currents(float(given[i]), phi, true_field, charge, film.permittivity)
+            out[place] = (here - lost) / capacity - 4.0 * phi * out[i] / x
+            heat += (float(given[i]) - phi) * here + phi * lost
         out[-1] = heat
         return out
 
@@ -216,7 +239,7 @@ class Motion:
         that of the potential's.
         """
         stretch = y[: self.count].tolist()
-        diagonal, coupling = self.slopes(time, stretch, drive.voltages(time), drive)
+        diagonal, coupling = self.slopes(time, stretch, self.voltages(time, y, drive), drive)
         for i, spring, places in self.springs:
             diagonal[i] += spring.stiffness(stretch[i], y[places].tolist())
         if drive.gas_pressure is None:
@@ -231,7 +254,7 @@ class Motion:
         out = [("limit_point", i, m) for i, m in enumerate(self.stability(time, y, drive))]
         if drive.gas_pressure is not None and drive.taut:
             out.append(("loss_of_tension", 0, self.pressure(time, stretch, drive)))
-        voltage = drive.voltages(time)
+        voltage = self.voltages(time, y, drive)
         for i, (film, x) in enumerate(zip(self.films, stretch, strict=True)):
             if film.strength is not None:
                 field_ = abs(float(voltage[i])) * x * x / film.thickness
@@ -319,10 +342,12 @@ def _solver(motion: Motion, drive: Drive, t0: float, y0: FloatArray, end: float,
     def jacobian(t: float, y: FloatArray) -> FloatArray:
         return motion.jacobian(t, y, drive)
 
+    # With voltages of their own the slopes are by differences.
+    slopes = None if motion.behind else jacobian
     kind: Any = {"LSODA": LSODA, "BDF": BDF, "Radau": Radau}[method]
     # The heat of a small motion is small: it is only told, and nothing depends on it.
     atol = np.array([*[_ATOL] * (y0.size - 1), 1e-12])
-    return kind(rates, t0, y0, end, rtol=_RTOL, atol=atol, jac=jacobian, max_step=drive.longest)
+    return kind(rates, t0, y0, end, rtol=_RTOL, atol=atol, jac=slopes, max_step=drive.longest)
 
 
 def _refine(

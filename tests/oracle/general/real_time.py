@@ -18,7 +18,7 @@ from simulator import Scenario, load_scenario
 from tests.oracle.general.creeping_flow import Drive, Film, FlowError, Motion, follow
 from tests.oracle.general.elastomers import inverse_langevin, loaded_law
 from tests.oracle.general.record import Reference, ReferenceEvent, State
-from tests.oracle.general.springs import AnySpring, LinearSpring, Spring
+from tests.oracle.general.springs import AnySpring, LinearSpring, Source, Spring
 from tests.oracle.general.waveforms import Part, parts_of
 
 FloatArray = NDArray[np.float64]
@@ -235,6 +235,9 @@ class _Player:
         stretch, voltage = self.state[:count].copy(), self.voltage[self.places]
         films = [self.motion.films[i] for i in self.places]
         capacitance = np.array([f.radius**2 * f.permittivity / f.thickness for f in films])
+        for place, i in enumerate(self.places):
+            if i in self.motion.behind:
+                voltage[place] = self.state[self.motion.behind[i]]
         charge = capacitance * stretch[self.places] ** 4 * voltage
         return State(self.clock, self.step, stretch, self.pressure, voltage, charge, self.is_open)
 
@@ -265,7 +268,20 @@ def _film(scenario: Scenario, balloon: Any) -> Film:
         strength,
         scenario.dynamics.relaxation_of(balloon.name),
         tuple(springs_of(balloon)),
+        _source(scenario, balloon),
     )
+
+
+def _source(scenario: Scenario, balloon: Any) -> Source | None:
+    if scenario.supply is None or not balloon.electrodes:
+        return None
+    given = [scenario.supply.resistance, scenario.supply.current_limit]
+    named = [one[balloon.name] if isinstance(one, dict) else one for one in given]
+    resistance, limit = (np.inf if one is None else one for one in named)
+    leak = balloon.leak
+    if leak is None:
+        return Source(resistance, limit)
+    return Source(resistance, limit, leak.conductivity, leak.field or np.inf)
 
 
 def springs_of(balloon: Any) -> Iterator[AnySpring]:

@@ -1,4 +1,7 @@
-"""Viscoelastic branches for the reference in real time, by inner stretches and from their energies.
+"""Viscoelastic branches and sources for the reference in real time.
+
+Branches are written in inner stretches and come from their energies; a film behind a resistance has a
+voltage of its own.
 
 The linear flow is written in the stretches p (in the plane) and q (across) in which a branch is free of
 stress, a = p⁻² and b = q⁻², and its heat as −∂ψ/∂p dp/dt − ∂ψ/∂q dq/dt of
@@ -8,6 +11,7 @@ stress, a = p⁻² and b = q⁻², and its heat as −∂ψ/∂p dp/dt − ∂ψ
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -83,6 +87,23 @@ class LinearSpring:
             [p**3 / x**3 / self.time, -2.0 * q**3 * x**3 / self.time],
             [0.5 * (1.0 - 3.0 * p**2 / x**2) / self.time, 0.5 * (1.0 - 3.0 * q**2 * x**4) / self.time],
         )
+
+
+@dataclass(frozen=True)
+class Source:
+    """What is between a film and its source: resistance, largest current, conductivity and its field."""
+
+    resistance: float
+    limit: float = math.inf
+    conductivity: float = 0.0
+    field: float = math.inf
+
+    def currents(
+        self, given: float, voltage: float, field: float, charge: float, permittivity: float
+    ) -> tuple[float, float]:
+        """What comes from the source, and what goes through the film."""
+        current = min(max((given - voltage) / self.resistance, -self.limit), self.limit)
+        return current, self.conductivity * math.exp(abs(field) / self.field) * charge / permittivity
 
 
 AnySpring = Spring | LinearSpring
