@@ -20,8 +20,8 @@ def all_keys(scenario: Scenario) -> dict[str, Any]:
 def physical_keys(scenario: Scenario) -> tuple[str, ...]:
     """The numbers on which the equilibria of a scenario's device depend, defaults too.
 
-    Gas, its chamber if it has one, balloons and inflation pressures; not the breakdown strengths, the waveforms
-    or the settings, nor what films do in time.
+    Gas, its chamber if it has one, balloons and inflation pressures; not the breakdown strengths, the
+    waveforms or the settings, nor what films do in time.
     """
     return tuple(
         key
