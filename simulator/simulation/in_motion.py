@@ -170,7 +170,7 @@ def extremes(
 
 
 def _watched(states: PassageStates, device: Device, unknowns: FloatArray, times: FloatArray) -> FloatArray:
-    """All that is largest or smallest somewhere, (n, n_quantities), in n states of stretches and own unknowns."""
+    """All that is largest or smallest somewhere, (n, n_quantities), in n states."""
     stretch, own = np.split(unknowns, [states.passage.stretch.shape[1]], axis=1)
     fields = np.abs(device.field(stretch, states.voltage(times, stretch, own)))
     shares = fields[:, list(device.rated)] / device.breakdown_field(stretch)
