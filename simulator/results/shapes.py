@@ -132,7 +132,9 @@ def row_of(history: History, event: Event, since: int = 0) -> int:
 
     It is none before `since`: a voltage may jump up and back at one instant.
     """
-    rows = np.flatnonzero(history.time == event.time)
+    # Times rise: a search, where a recording has a million rows and a thousand events.
+    first, last = np.searchsorted(history.time, [event.time, np.nextafter(event.time, np.inf)])
+    rows = np.arange(first, last)
     rows = rows[rows >= since] if rows[-1] >= since else rows[-1:]
     # Several events may share an instant; the state after this one is told by stretches and voltages.
     there = (history.stretch[rows] == event.stretch_after).all(axis=1)

@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -178,7 +178,24 @@ def column(samples: bytes, place: int) -> NDArray[np.float64]:
     return found
 
 
-_Row = tuple[int, str]
+class _Rows(NamedTuple):
+    """Rows of a file and their numbers in it, from 1; of a million rows no list of pairs."""
+
+    numbers: Sequence[int]
+    texts: list[str]
+
+    @classmethod
+    def of(cls, text: str) -> _Rows:
+        """Those that are not blank."""
+        texts = text.splitlines()
+        if all(map(str.strip, texts)):
+            return cls(range(1, len(texts) + 1), texts)
+        numbers = [number for number, row in enumerate(texts, start=1) if row.strip()]
+        return cls(numbers, [texts[number - 1] for number in numbers])
+
+    def below(self) -> _Rows:
+        """Those below the first."""
+        return _Rows(self.numbers[1:], self.texts[1:])
 
 
 def _two_columns(
@@ -187,45 +204,46 @@ def _two_columns(
     fewest: int,
     factor: Callable[[str, str], float],
     units_hint: str = "",
-) -> tuple[str, list[_Row], NDArray[np.float64]]:
+) -> tuple[str, _Rows, NDArray[np.float64]]:
     """Name of the second column, numbered rows as text, and (2, n) numbers in the order of the names.
 
     `factor` says what the numbers of a column are multiplied by, of its name and the unit in its title.
     """
     # Two numbers a row need no csv module, and 1e5 rows are read in half the time without it.
-    rows = [(number, row) for number, row in enumerate(_read_text(path).splitlines(), start=1) if row.strip()]
-    header = [cell.strip(' "') for cell in rows[0][1].split(",")] if rows else []
+    rows = _Rows.of(_read_text(path))
+    header = [cell.strip(' "') for cell in rows.texts[0].split(",")] if rows.texts else []
     cells = [_COLUMN.fullmatch(cell) for cell in header]
     titles = [cell[1] if cell else "" for cell in cells]
     names = next((names for names in headers if sorted(titles) == sorted(names)), None)
     if names is None:
-        found = f"has {short(rows[0][1])}" if rows else "is empty"
+        found = f"has {short(rows.texts[0])}" if rows.texts else "is empty"
         raise ValueError(f"must have the header {' or '.join(map(','.join, headers))}{units_hint}, {found}")
     factors = [1.0 if cell[2] is None else factor(cell[1], cell[2]) for cell in cells if cell]
-    if len(rows := rows[1:]) < fewest:
+    rows = rows.below()
+    if len(rows.texts) < fewest:
         count = {2: "two", 6: "six"}[fewest]
-        raise ValueError(f"must have at least {count} rows below the header, has {len(rows)}")
-    columns = _numbers(rows).T
+        raise ValueError(f"must have at least {count} rows below the header, has {len(rows.texts)}")
+    columns = _numbers(rows.texts).T
     columns *= np.array(factors)[:, None]
     return names[1], rows, np.array(columns if titles[0] == names[0] else columns[::-1])
 
 
-def _refuse(rows: list[_Row], *rules: tuple[str, Any]) -> None:
+def _refuse(rows: _Rows, *rules: tuple[str, Any]) -> None:
     """Raise for the first row that breaks the first rule that is broken."""
     for rule, broken in rules:
         if broken.any():
-            number, row = rows[int(broken.argmax())]
-            raise ValueError(f"row {number}: {rule}, is {short(row.strip())}")
+            place = int(broken.argmax())
+            raise ValueError(f"row {rows.numbers[place]}: {rule}, is {short(rows.texts[place].strip())}")
 
 
-def _numbers(rows: list[_Row]) -> NDArray[np.float64]:
+def _numbers(rows: list[str]) -> NDArray[np.float64]:
     """The two numbers of each row, (n, 2); NaN in rows that have something else."""
     try:
-        found = np.loadtxt([row for _, row in rows], delimiter=",", comments=None, quotechar='"', ndmin=2)
+        found = np.loadtxt(rows, delimiter=",", comments=None, quotechar='"', ndmin=2)
     except ValueError:
         found = np.empty((0, 0))
     # Where a row is no two numbers, the others are read all the same.
-    return found if found.shape[1] == 2 else np.array([_two_numbers(row) for _, row in rows])
+    return found if found.shape == (len(rows), 2) else np.array([_two_numbers(row) for row in rows])
 
 
 def _two_numbers(row: str) -> tuple[float, float]:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 _AIM = 0.5  # of the distance allowed: what is measured in outline is not exact
-_BETWEEN = 7  # states of the outline between two points of a branch
+_BETWEEN = 4  # states of the outline between two points of a branch
 _FLAT = 1e-6  # of a quantity's size: what ranges over less stands still
 _SHORT = 1e-9  # chords so short have no direction
 
@@ -146,19 +146,28 @@ def closer(
     bends : list of (v, needed)
         Of each branch.
     """
-    grid = bends[0][0] if len(bends) == 1 else np.unique(np.concatenate([one for one, _ in bends]))
-    total = sum(np.interp(grid, one, upto) for one, upto in bends)
+    grid, total = bends[0]
+    if len(bends) > 1:
+        grid = np.unique(np.concatenate([one for one, _ in bends]))
+        total = sum((np.interp(grid, one, upto) for one, upto in bends), np.zeros(grid.size))
     at = np.interp(v, grid, total)
     pieces = np.ceil(np.abs(np.diff(at))).astype(np.int64)
-    found: list[float] = []
-    for k in np.flatnonzero(pieces > 1).tolist():
-        shares = np.arange(1, pieces[k]) / pieces[k]
-        wanted = np.interp(at[k] + shares * (at[k + 1] - at[k]), total, grid)
-        found += _first_passages(waveform, fractions[k], fractions[k + 1], wanted.tolist())
-    return np.array(found)
+    wide = np.flatnonzero(pieces > 1)
+    if not wide.size:
+        return np.empty(0)
+    more = pieces[wide] - 1
+    gap = np.repeat(wide, more)
+    shares = (np.arange(gap.size) - np.repeat(np.cumsum(more) - more, more) + 1) / pieces[gap]
+    wanted = np.interp(at[gap] + shares * (at[gap + 1] - at[gap]), total, grid)
+    if waveform.shape == "linear" and waveform.values.size == 2:
+        start, end = waveform.values
+        return np.asarray((wanted - start) / (end - start))
+    parts = zip(wide.tolist(), np.split(wanted, np.cumsum(more)[:-1]), strict=True)
+    found = [_first_passages(waveform, fractions[k], fractions[k + 1], part) for k, part in parts]
+    return np.concatenate(found)
 
 
-def _first_passages(waveform: Waveform, start: float, end: float, wanted: list[float]) -> list[float]:
+def _first_passages(waveform: Waveform, start: float, end: float, wanted: FloatArray) -> FloatArray:
     """When v first gets to some values, in the order in which it does, between two fractions."""
     first = max(int(np.searchsorted(waveform.fractions, start, side="right")) - 1, 0)
     last = max(int(np.searchsorted(waveform.fractions, end, side="left")), first + 1)
@@ -166,5 +175,6 @@ def _first_passages(waveform: Waveform, start: float, end: float, wanted: list[f
     if len(wanted) == 1:
         sign = float(np.sign(wanted[0] - waveform.at(np.array(start)))) or 1.0
     reached = np.maximum.accumulate(sign * waveform.values[first + 1 : last + 1])
-    places = np.minimum(np.searchsorted(reached, sign * np.array(wanted)), reached.size - 1)
-    return [waveform.when(first + place, v) for place, v in zip(places.tolist(), wanted, strict=True)]
+    places = np.minimum(np.searchsorted(reached, sign * wanted), reached.size - 1)
+    when = [waveform.when(first + k, v) for k, v in zip(places.tolist(), wanted.tolist(), strict=True)]
+    return np.array(when)

@@ -21,13 +21,14 @@ from simulator.solver.certify import NOISE, Proposal
 from simulator.solver.ida import Effort
 from simulator.solver.inflation import inflated
 from simulator.solver.newton import NotConverged
-from simulator.solver.segment import SHORT, rounding
+from simulator.solver.segment import rounding
 
 FloatArray = NDArray[np.float64]
 
 _LITTLE = 1e-2  # a margin below which the event may be close
 _BARELY = 1e-3  # a margin of stability this small may be that of a singular point
 _CLOSE = 1e-3  # of two states, in scaled unknowns: too close for steps from one to the other
+_NEAR = 1e-2  # of a target, in scaled v: as in recordings, row by row; what the chord misses is certified
 _TIGHTEST = 1e-12
 # Tolerance, over the one asked for, and longest step (0: any) of each attempt to follow a path with IDA.
 ATTEMPTS = ((1.0, 0.0), (0.1, 0.0), (1e-2, 0.25), (1e-3, 0.05), (1e-4, 0.01), (1e-5, 2e-3))
@@ -47,7 +48,7 @@ def proposals(
     Each gives None where it does not apply, and raises NotConverged where it fails.
     """
     yield partial(to_event, equations, conditions, start, target)
-    if abs(target - start[-1]) < SHORT * equations.scales[-1]:
+    if abs(target - start[-1]) < _NEAR * equations.scales[-1]:
         yield partial(chord, equations, conditions, start, target)
     if isinstance(equations, OpenBalloon) and equations.pressure_rate:
         yield partial(by_formula, equations, conditions, start, target)

@@ -10,9 +10,11 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
@@ -89,6 +91,47 @@ def test_cycles(benchmark, cycles):
     benchmark.pedantic(
         simulate, (pair(INFLATION, {"cycle": cycles, "steps": [UP, DOWN]}, ambient=AMBIENT),), rounds=5
     )
+
+
+def test_a_million_rows(tmp_path):
+    """A recording is read, played and drawn in at most twice the time of the run; what is imported aside."""
+    from simulator.results.plot import plot_history, png  # matplotlib's start is no part of it
+
+    rows = np.arange(1_000_000)
+    noise = np.random.default_rng(1).normal(size=rows.size)
+    voltage = np.abs(0.2 - 0.2 * np.cos(2.0 * np.pi * rows / 250_000) + 2e-3 * noise)
+    voltage[0] = 0.0
+    path = tmp_path / "recording.csv"
+    pd.DataFrame({"time": 1e-3 * rows, "voltage": voltage}).to_csv(path, index=False)
+    for output in ({}, {"rows": True}):
+        taken = []
+        for _ in range(3):
+            moments = [time.process_time()]
+            scenario = pair(INFLATION, {"table": str(path)}, ambient=AMBIENT, output=output)
+            moments.append(time.process_time())
+            history = simulate(scenario)
+            moments.append(time.process_time())
+            assert png(plot_history(history))
+            moments.append(time.process_time())
+            taken.append(np.diff(moments))
+        read, played, drawn = np.min(taken, axis=0)
+        print(f"{len(history)} samples: read {read:.2f} s, played {played:.2f} s, drawn {drawn:.2f} s")
+        assert read + played + drawn <= 2.0 * played
+
+
+@pytest.mark.benchmark(group="two noisy recordings, 300 rows")
+def test_two_recordings(benchmark, tmp_path):
+    rows = np.arange(300)
+    noise = np.random.default_rng(1).normal(size=(2, rows.size))
+    base = 0.15 - 0.15 * np.cos(2.0 * np.pi * rows / 300)
+    left, right = np.abs(base + 2e-3 * noise[0]), np.abs(0.5 * base + 2e-3 * noise[1])
+    left[0] = right[0] = 0.0
+    path = tmp_path / "two.csv"
+    pd.DataFrame({"time": rows, "left": left, "right": right}).to_csv(path, index=False)
+    recording = {"file": str(path), "time": "time"}
+    table = {"active": {**recording, "voltage": "left"}, "passive": {**recording, "voltage": "right"}}
+    scenario = pair(INFLATION, {"table": table}, ambient=AMBIENT, passive={"electrodes": True})
+    benchmark.pedantic(simulate, (scenario,), rounds=5)
 
 
 @pytest.mark.benchmark(group="whole process")

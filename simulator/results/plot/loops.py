@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     Point = tuple[float, float]
 
 MOST_ARROWS = 8
+_SHORTEST_RUN = 0.15  # of the panel: a way in one direction that has an arrow
 _PHASES = 201  # of a cycle, at which it is compared with another
 _ALIKE = 0.005  # of the panel: cycles that differ by less look alike
 GRID = 1000  # a loop's points closer than 1/1000 of its height or width are one point
@@ -59,10 +60,13 @@ def first_passages(
     """
     places = cells(x, y, spans)
     looked_at = np.arange(len(places) - 1) if among is None else np.flatnonzero(among)
-    steps = np.column_stack([places[looked_at], places[looked_at + 1]])
     first = np.zeros(max(len(places) - 1, 0), dtype=bool)
-    if len(steps):
-        first[looked_at[np.unique(steps, axis=0, return_index=True)[1]]] = True
+    if looked_at.size:
+        across = places - places.min(axis=0)
+        wide = int(across.max()) + 1  # about GRID: four of them make one number
+        place = across[:, 0] * wide + across[:, 1]
+        steps = place[looked_at] * (wide * wide) + place[looked_at + 1]
+        first[looked_at[np.unique(steps, return_index=True)[1]]] = True
     same_branch = np.diff(branch) == 0
     return np.asarray(first & same_branch)
 
@@ -91,21 +95,19 @@ def travelled(x: FloatArray, y: FloatArray, drawn: BoolArray, spans: FloatArray)
     """
     direction = np.where(drawn, np.sign(np.diff(x)), 0)
     turns = np.flatnonzero(np.diff(direction)) + 1
-    scaled = np.column_stack([x, y]) / spans
-    runs = []
-    for start, end in zip([0, *turns], [*turns, len(drawn)], strict=True):
-        if direction.size == 0 or direction[start] == 0:
-            continue
-        length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(scaled[start : end + 1], axis=0).T))])
+    if not direction.size:
+        return []
+    starts, ends = np.append(0, turns), np.append(turns, direction.size)
+    steps = np.hypot(np.diff(x) / spans[0], np.diff(y) / spans[1])
+    upto = np.concatenate([[0.0], np.cumsum(np.where(direction, steps, 0.0))])
+    lengths = upto[ends] - upto[starts]
+    found = []
+    for k in np.argsort(-lengths, kind="stable")[:MOST_ARROWS].tolist():
         # Past the middle, so that the arrows of a curve travelled both ways do not sit on one another.
-        at = start + int(np.searchsorted(length, 0.6 * length[-1]))
-        runs.append((length[-1], at))
-    longest = sorted(runs, reverse=True)[:MOST_ARROWS]
-    return [
-        ((float(x[at - 1]), float(y[at - 1])), (float(x[at]), float(y[at])))
-        for length, at in longest
-        if length > 0.15 and at > 0
-    ]
+        at = int(np.searchsorted(upto, upto[starts[k]] + 0.6 * lengths[k]))
+        if lengths[k] > _SHORTEST_RUN and at > 0:
+            found.append(((float(x[at - 1]), float(y[at - 1])), (float(x[at]), float(y[at]))))
+    return found
 
 
 def distinct_jumps(
