@@ -296,6 +296,13 @@ def test_sealed_without_pressure_tension_is_lost_where_the_volume_would_grow():
     assert kinds(sealed_without_pressure({"jump": {"small": 0.0, "large": 0.5}})) == ["loss_of_tension"]
 
 
+def test_in_real_time_a_jump_loses_no_tension_before_time_passes():
+    moving = {"dynamics": {"relaxation_time": 0.1}}
+    assert sealed_without_pressure({"jump": 0.5}, **moving).outcome == "completed"
+    lost = sealed_without_pressure({"jump": 0.5}, {"hold": 0.1}, **moving)
+    assert [(event.kind.value, event.time) for event in lost.events] == [("loss_of_tension", 1.0)]
+
+
 def test_in_a_vacuum_a_jump_through_zero_to_a_larger_voltage_loses_the_tension():
     empty = {"gas": {"ambient_pressure": 0.0}}
     assert kinds(sealed_without_pressure({"jump": -0.3}, **empty)) == ["loss_of_tension"]

@@ -193,7 +193,8 @@ class _Player:
     def _check(self, drive: Drive) -> bool:
         """Note margins that are negative before anything moves; return whether to watch the tension."""
         taut = True
-        if drive.gas_pressure is not None and abs(self.pressure) <= _NO_PRESSURE * self.ambient:
+        slack = drive.gas_pressure is not None and abs(self.pressure) <= _NO_PRESSURE * self.ambient
+        if slack and drive.lasts > 0.0:  # a jump takes no time, in which nothing grows
             taut = self._check_slack(drive)
             if self.ended:
                 return taut
