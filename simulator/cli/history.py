@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
@@ -9,14 +10,15 @@ import typer
 
 from simulator.cli.endings import BAD_INPUT, SOLVER_FAILED, errors_reported, fail, interrupted
 from simulator.cli.options import Quiet, ScenarioArgument, results_option
-from simulator.cli.pictures import FormatOption, any_format, draw, remove_old, say_removed, wanted
+from simulator.cli.pictures import Format, FormatOption, any_format, draw, remove_old, say_removed, wanted
 from simulator.cli.summary import progress_bar, summarise_run
 
 if TYPE_CHECKING:
     from simulator.results.history import History
     from simulator.scenario import Scenario
+    from simulator.sweep.bands import Bands
 
-PICTURE = "history"
+PICTURE, BANDS = "history", "bands"
 
 
 def run(
@@ -35,6 +37,18 @@ def run(
     sensitivities: Annotated[
         bool, typer.Option("--sensitivities", help="Also how each limit point moves with each number.")
     ] = False,
+    uncertainty: Annotated[
+        bool,
+        typer.Option("--uncertainty", help="Also 2,048 runs with films known to 5 %: bands on the loop."),
+    ] = False,
+    spread: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=SHARE",
+            help="With --uncertainty: what is known to which share of it, instead.",
+            show_default=False,
+        ),
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Play a scenario; write history.csv, events.csv and run.json, and say what happened."""
@@ -57,9 +71,37 @@ def run(
         if sensitivities:
             paths += _write_sensitivities(history, directory)
         paths += draw(directory, picture, lambda: history.plot(panels=shown))
+        bands = _bands(loaded, spread) if uncertainty or spread else None
+        more_paths = [] if bands is None else bands.to_csv(directory)
+        if bands is not None:
+            more_paths += draw(directory, f"{BANDS}.{form or Format.PNG}", partial(_drawn, history, bands))
     if not quiet:
         summarise_run(history, paths)
+        if bands is not None:
+            from simulator.cli.summary_uncertainty import summarise_uncertainty
+
+            summarise_uncertainty(bands.uncertainty, more_paths)
         say_removed([name for name in removed if name not in [path.name for path in paths]])
+
+
+def _bands(scenario: Scenario, spread: list[str] | None) -> Bands:
+    """Where many runs with other numbers are; leaves with exit code 2 where `--spread` makes no sense."""
+    from simulator.sweep.bands import bands
+
+    shares: dict[str, float] = {}
+    for text in spread or ():
+        key, _, share = text.partition("=")
+        try:
+            shares[key] = float(share)
+        except ValueError:
+            fail(f"--spread {text}: must be a key of the scenario and a number, KEY=0.05", BAD_INPUT)
+    return bands(scenario, shares or None)
+
+
+def _drawn(history: History, bands: Bands) -> object:
+    from simulator.results.plot.bands import plot_bands
+
+    return plot_bands(history, bands.step, bands.snaps, bands.runs, bands.voltage, bands.stretch)
 
 
 def _panels(names: str | None) -> tuple[str, ...] | None:
@@ -92,7 +134,8 @@ def _old(written: list[Path]) -> list[str]:
     from simulator.results.tables import CYCLES_FILE, SENSITIVITIES_FILE
 
     there = {path.name for path in written}
-    known = (SENSITIVITIES_FILE, CYCLES_FILE, LOOPS_FILE, *any_format(PICTURE))
+    of_sample = ("bands.csv", "quantiles.csv", "probabilities.csv", "convergence.csv", *any_format(BANDS))
+    known = (SENSITIVITIES_FILE, CYCLES_FILE, LOOPS_FILE, *any_format(PICTURE), *of_sample)
     return [name for name in known if name not in there]
 
 

@@ -55,7 +55,9 @@ class Model:
 
     def __post_init__(self) -> None:
         scenario = self.problem.scenario
-        changed: dict[str, object] = {"output": Output(points=max(_SAMPLES, scenario.output.points))}
+        changed: dict[str, object] = {
+            "output": Output(points=max(_SAMPLES, scenario.output.points), chord=1.0)
+        }
         stops = any(
             until.event == "loss_of_sphericity"
             for step in scenario.played_steps()

@@ -78,3 +78,20 @@ def contents(device: Device, stretch: FloatArray, pressure: FloatArray) -> Conte
     if np.any(law.chamber != 0.0) or not isinstance(law.expansion, Isotherm):
         return SealedGas(pressure, swelling, law.ambient, law.chamber, law.expansion)
     return IdealGas(law.amount(pressure, swelling), law.ambient)
+
+
+def line_through(
+    start: FloatArray, target: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """As `VoltageLine.through` for many: offsets, rates, and the coordinates of start and target."""
+    change = target - start
+    leader = np.argmax(np.abs(change), axis=0)[None]
+    largest = np.take_along_axis(change, leader, axis=0)
+    moves = largest != 0.0
+    rate = np.where(moves, change / np.where(moves, largest, 1.0), 0.0)
+    first = np.take_along_axis(start, leader, axis=0)
+    offset = np.where(moves, start - rate * first, start)
+    offset[np.abs(offset) <= 4e-16 * np.maximum(np.abs(start), np.abs(rate * first))] = 0.0
+    np.put_along_axis(offset, leader, np.where(moves, 0.0, np.take_along_axis(start, leader, axis=0)), axis=0)
+    last = np.take_along_axis(target, leader, axis=0)
+    return offset, rate, np.where(moves, first, 0.0)[0], np.where(moves, last, 0.0)[0]

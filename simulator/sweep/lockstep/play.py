@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,7 +15,7 @@ from simulator.solver.batch import flow
 from simulator.solver.batch.bordered import pivots, softest
 from simulator.solver.batch.stacked import Stacked, taken
 from simulator.solver.segment import ULPS
-from simulator.sweep.lockstep.assembly import contents, opened, sealed
+from simulator.sweep.lockstep.assembly import contents, line_through, opened, sealed
 from simulator.sweep.lockstep.programme import Move
 from simulator.sweep.lockstep.ride import GAVE_UP, THERE, Ride, arrived, drive, drive_each_once, lands, settle
 from simulator.sweep.lockstep.shapes import Shapes, note
@@ -112,7 +113,13 @@ class Played:
 
 
 def play(
-    device: Device, moves: tuple[Move, ...], runs: int, past: Past | None, *, watched: bool = False
+    device: Device,
+    moves: tuple[Move, ...],
+    runs: int,
+    past: Past | None,
+    *,
+    watched: bool = False,
+    after: Callable[[Played], None] | None = None,
 ) -> Played:
     """Play the programme of n runs.
 
@@ -127,6 +134,8 @@ def play(
         See `sweep.plan`.
     watched : bool
         Whether it is looked at where the balloons stop being spheres.
+    after : callable, optional
+        Called with what is known after each move.
     """
     state = Played.unstretched(device, runs, watched=watched)
     for move in moves:
@@ -146,6 +155,8 @@ def play(
             if opening:
                 still = before == THERE
                 state.sealed[:, still] = state.stretch[:, still]
+            if after is not None:
+                after(state)
     return state
 
 
@@ -190,21 +201,6 @@ def _release(state: Played) -> None:
         state.end[going[~(pivots(parts, softest(parts))[0] > 0.0)]] = GAVE_UP
 
 
-def _line(start: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """As `VoltageLine.through` for many: offsets, rates, and the coordinates of start and target."""
-    change = target - start
-    leader = np.argmax(np.abs(change), axis=0)[None]
-    largest = np.take_along_axis(change, leader, axis=0)
-    moves = largest != 0.0
-    rate = np.where(moves, change / np.where(moves, largest, 1.0), 0.0)
-    first = np.take_along_axis(start, leader, axis=0)
-    offset = np.where(moves, start - rate * first, start)
-    offset[np.abs(offset) <= 4e-16 * np.maximum(np.abs(start), np.abs(rate * first))] = 0.0
-    np.put_along_axis(offset, leader, np.where(moves, 0.0, np.take_along_axis(start, leader, axis=0)), axis=0)
-    last = np.take_along_axis(target, leader, axis=0)
-    return offset, rate, np.where(moves, first, 0.0)[0], np.where(moves, last, 0.0)[0]
-
-
 def _inflate(state: Played, runs: Index, target: FloatArray) -> None:
     device, still = taken(state.device, runs), state.voltage[:, runs]
     rides: list[tuple[int, Stacked, FloatArray, Ride]] = []
@@ -230,7 +226,7 @@ def _ramp(state: Played, runs: Index, target: FloatArray, times: float | None) -
     if not runs.size:
         return
     device = taken(state.device, runs)
-    offset, rate, v, there = _line(state.voltage[:, runs], target)
+    offset, rate, v, there = line_through(state.voltage[:, runs], target)
     pressure = state.pressure[runs]
     everything = tuple(range(len(device.names)))
     rides: list[tuple[tuple[int, ...], Stacked, FloatArray, Ride]] = []
@@ -283,7 +279,7 @@ def _jump(state: Played, runs: Index, target: FloatArray) -> None:
     if not runs.size:
         return
     device = taken(state.device, runs)
-    offset, rate, _, there = _line(state.voltage[:, runs], target)
+    offset, rate, _, there = line_through(state.voltage[:, runs], target)
     pressure, stretch = state.pressure[runs], state.stretch[:, runs]
     groups: list[tuple[tuple[int, ...], Stacked, FloatArray]] = []
     if not state.valve_open:
