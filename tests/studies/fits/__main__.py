@@ -136,15 +136,18 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("docs/fits.json"))
     asked = parser.parse_args()
     device = Device(load_scenario(SCENARIO))
+    record: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
-        record = {
-            "through_a_snap": starts(device, asked.starts, place),
-            "sigma_given": coverage(device, asked.draws, place, sigma=True),
-            "sigma_estimated": coverage(device, asked.draws, place, sigma=False),
+        parts = {
+            "through_a_snap": lambda: starts(device, asked.starts, place),
+            "sigma_given": lambda: coverage(device, asked.draws, place, sigma=True),
+            "sigma_estimated": lambda: coverage(device, asked.draws, place, sigma=False),
         }
+        for name, part in parts.items():
+            record[name] = part()
+            print(name, json.dumps(record[name], indent=2), flush=True)
     asked.out.write_text(json.dumps(record, indent=2) + "\n", "utf-8")
-    print(json.dumps(record, indent=2))
 
 
 if __name__ == "__main__":
