@@ -13,6 +13,7 @@ import argparse
 import csv
 import json
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -139,7 +140,7 @@ def main() -> None:
     record: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
-        parts = {
+        parts: dict[str, Callable[[], dict[str, Any]]] = {
             "through_a_snap": lambda: starts(device, asked.starts, place),
             "sigma_given": lambda: coverage(device, asked.draws, place, sigma=True),
             "sigma_estimated": lambda: coverage(device, asked.draws, place, sigma=False),
