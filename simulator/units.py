@@ -58,6 +58,7 @@ VOLUME = Dimension("a volume", "0.5 l", "m^3", "volume", "4πR³")
 ENERGY = Dimension("an energy", "1 mJ", "J", "energy", "4πR²Hμ")
 RESISTANCE = Dimension("a resistance", "10 MΩ", "ohm", "resistance", "H/(4πR²ε)·s")
 CURRENT = Dimension("a current", "0.1 mA", "A", "current", "4πR²√(εμ)/s")
+VISCOSITY = Dimension("a viscosity", "2 kPa*s", "Pa*s", "viscosity", "μ·s")
 CONDUCTIVITY = Dimension("a conductivity", "3.2e-14 S/m", "S/m", "conductivity", "ε/s")
 
 _RATIOS = (RADIUS, THICKNESS, MODULUS, PERMITTIVITY)  # those of a balloon to the reference balloon
@@ -77,6 +78,7 @@ DIMENSIONS = (
     RESISTANCE,
     CURRENT,
     CONDUCTIVITY,
+    VISCOSITY,
 )
 
 # Of the quantities in results; a stretch becomes a radius, which depends on the balloon.
@@ -163,6 +165,11 @@ class Scales:
     def current(self) -> float:
         """4πR²√(εμ) in 1 s, in A."""
         return self.charge / self.time
+
+    @property
+    def viscosity(self) -> float:
+        """μ times 1 s, in Pa s."""
+        return self.shear_modulus * self.time
 
     @property
     def conductivity(self) -> float:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from simulator import EventKind, Outcome, ScenarioError, load_scenario
+from simulator import EventKind, Outcome, ScenarioError, explain, load_scenario
 from tests.pairs import pair, run
 
 UP, DOWN = {"ramp": 0.4, "over": 1}, {"ramp": 0.0, "over": 1}
@@ -274,3 +274,49 @@ def test_what_equal_balloons_run_into_together_ends_a_history_once():
     history = run(load_scenario(scenario))
     assert [event.kind for event in history.events] == [EventKind.LIMIT_POINT, EventKind.RUNAWAY]
     assert history.stretch[-1, 0] == history.stretch[-1, 1]
+
+
+def test_a_newtonian_film_relaxes_as_its_viscosity_says():
+    """12η λ⁻² dλ/dt = −2(λ − λ⁻⁵) in closed form: t = 3η[F(λ₀²) − F(λ²)] with F′(u) = u/(u³ − 1)."""
+    viscosity = 0.7
+    steps = {"jump": 0.6, "valve": "open"}, {"hold": 200.0, "valve": "open"}, {"jump": 0.0, "valve": "open"}
+    written = one_balloon(*steps, {"hold": 3.0, "valve": "open"}, electrodes=True).to_dict()
+    history = run(load_scenario({**written, "dynamics": {"viscosity": viscosity}}))
+
+    def antiderivative(stretch):
+        u = stretch**2
+        angle = np.arctan((2.0 * u + 1.0) / np.sqrt(3.0)) / np.sqrt(3.0)
+        return np.log(u - 1.0) / 3.0 - np.log(u * u + u + 1.0) / 6.0 + angle
+
+    left = history.step == 4
+    start, stretch = history.stretch[np.flatnonzero(left)[0] - 1, 0], history.stretch[left, 0]
+    assert start > 1.1
+    passed = 3.0 * viscosity * (antiderivative(start) - antiderivative(stretch))
+    assert history.time[left] - 200.0 == pytest.approx(passed, rel=1e-7)
+    assert history.energy_balance.relative_imbalance < 1e-7
+    assert "flow of one: 8.4 λ⁻² dλ/dt = −[" in explain(history.scenario)
+
+
+def test_a_viscosity_may_be_written_in_pascal_seconds():
+    scales = {"shear_modulus": "50 kPa", "thickness": "1 mm", "radius": "20 mm", "permittivity": 4.7}
+    written = pair(1.0, UP).to_dict() | {"dynamics": {"viscosity": "25 kPa*s"}, "scales": scales}
+    assert load_scenario(written).dynamics.friction_of("active") == (6.0, -2.0)
+
+
+@pytest.mark.parametrize(
+    ("dynamics", "message"),
+    [
+        ({"viscosity": 0}, "dynamics.viscosity = 0: must be a number > 0, or a table"),
+        ({"viscosity": {"active": 1.0}}, "dynamics.viscosity.passive: is missing, must be a number > 0"),
+        (
+            {"viscosity": 1.0, "relaxation_time": 2.0},
+            'dynamics = {"relaxation_time": 2.0, "viscosity": 1.0}: must have relaxation_time or viscosity, '
+            "not both",
+        ),
+        ({}, "or a table with one for every balloon by name; or give viscosity"),
+    ],
+)
+def test_what_makes_no_sense_of_a_viscosity_is_said(dynamics, message):
+    with pytest.raises(ScenarioError) as error:
+        load_scenario(pair(1.0, UP).to_dict() | {"dynamics": dynamics})
+    assert message in str(error.value)

@@ -123,7 +123,16 @@ def _of_dynamics(scenario: Parts, names: Sequence[str]) -> Iterator[Problem]:
         return
     if scenario.gas.law == "liquid":
         yield Problem("gas.law", "liquid", 'must be "isothermal" or "adiabatic" with [dynamics]')
-    yield from _by_name("dynamics.relaxation_time", scenario.dynamics.relaxation_time, names, names)
+    time, viscosity = scenario.dynamics.relaxation_time, scenario.dynamics.viscosity
+    if time is None and viscosity is None:
+        allowed = "must be a number > 0, or a table with one for every balloon by name; or give viscosity"
+        yield Problem("dynamics.relaxation_time", None, f"is missing, {allowed}")
+    elif time is not None and viscosity is not None:
+        yield Problem(
+            "dynamics", _plain(scenario.dynamics), "must have relaxation_time or viscosity, not both"
+        )
+    yield from _by_name("dynamics.relaxation_time", time, names, names)
+    yield from _by_name("dynamics.viscosity", viscosity, names, names)
 
 
 def _of_supply(scenario: Parts, names: Sequence[str]) -> Iterator[Problem]:

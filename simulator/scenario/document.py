@@ -45,7 +45,9 @@ class Scenario(Frozen):
     steps: Annotated[tuple[Step, ...], AfterValidator(not_empty)] = Field(
         alias="step", description="one or more [[step]] tables"
     )
-    dynamics: Annotated[Dynamics | None, Field(description="a table with relaxation_time")] = None
+    dynamics: Annotated[Dynamics | None, Field(description="a table with relaxation_time or viscosity")] = (
+        None
+    )
     supply: Annotated[Supply | None, Field(description="a table with resistance")] = None
     shape: Annotated[Shape, Field(description="a table with on_loss")] = Shape()
     output: Annotated[Output, Field(description="a table with points or every")] = Output()

@@ -126,6 +126,8 @@ Current = Annotated[Positive, Measured(units.CURRENT)]
 
 Conductivity = Annotated[Positive, Measured(units.CONDUCTIVITY)]
 
+Viscosity = Annotated[Positive, Measured(units.VISCOSITY)]
+
 Text = Annotated[str, Field(strict=True, pattern=r"\S", description="a non-empty text")]
 
 

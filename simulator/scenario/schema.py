@@ -15,6 +15,7 @@ from annotated_types import Ge, Gt, Le
 from pydantic import AfterValidator, BaseModel
 from pydantic.fields import FieldInfo
 
+from simulator.scenario.device import MaxwellPreset
 from simulator.scenario.document import Scenario
 from simulator.scenario.elastomer import Preset, Python
 from simulator.scenario.fields import ByName, Chosen, Measured, not_empty
@@ -121,8 +122,9 @@ def _reference(model: type[BaseModel], definitions: dict[str, _Node]) -> _Node:
         model.model_rebuild()  # names that are defined after it
         definitions[name] = {}  # a cycle has steps, which may be cycles
         definitions[name] = _table(model, definitions)
-        if model is Preset:
-            definitions[name]["properties"]["preset"]["enum"] = sorted(PRESETS)
+        if model in (Preset, MaxwellPreset):
+            known = [key for key, one in PRESETS.items() if model is Preset or one.branches]
+            definitions[name]["properties"]["preset"]["enum"] = sorted(known)
     return {"$ref": f"#/definitions/{name}"}
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, PlainSerializer
 
-from simulator.scenario.fields import ByName, Chosen, Current, Float, Frozen, Int, Resistance, Time
+from simulator.scenario.fields import ByName, Chosen, Current, Float, Frozen, Int, Resistance, Time, Viscosity
 from simulator.units import as_written
 
 CHORD = 2e-4
@@ -30,19 +30,39 @@ class Output(Frozen):
         return self.every is not None or self.rows or self.chord == 1.0
 
 
+_FOR_EACH = "a number > 0, or a table with one for every balloon by name"
+
+
 class Dynamics(Frozen):
-    """Balloons that take their time: τ dλ/dt = −g with the relaxation time τ, for all or by balloon name."""
+    """Balloons that take their time: τ dλ/dt = −g with the relaxation time τ, for all or by balloon name.
+
+    Or with the `viscosity` of the film, 12η λ⁻² dλ/dt = −g.
+    """
 
     relaxation_time: Annotated[
-        float | dict[str, float],
+        float | dict[str, float] | None,
         Chosen(ByName(Time)),
         PlainSerializer(as_written),
-        Field(description="a number > 0, or a table with one for every balloon by name"),
-    ]
+        Field(description=_FOR_EACH),
+    ] = None
+    viscosity: Annotated[
+        float | dict[str, float] | None,
+        Chosen(ByName(Viscosity)),
+        PlainSerializer(as_written),
+        Field(description=_FOR_EACH),
+    ] = None
 
-    def relaxation_of(self, name: str) -> float:
-        """The relaxation time of a balloon."""
-        return self.relaxation_time[name] if isinstance(self.relaxation_time, dict) else self.relaxation_time
+    def friction_of(self, name: str) -> tuple[float, float]:
+        """What slows a balloon down, c λⁿ dλ/dt = −g: c and n."""
+        if self.relaxation_time is not None:
+            return _of(self.relaxation_time, name), 0.0
+        assert self.viscosity is not None
+        return 12.0 * _of(self.viscosity, name), -2.0
+
+
+def _of(given: float | dict[str, float], name: str) -> float:
+    """The number of a balloon, of one for all or one for each."""
+    return given[name] if isinstance(given, dict) else given
 
 
 class Supply(Frozen):
@@ -66,13 +86,11 @@ class Supply(Frozen):
 
     def resistance_of(self, name: str) -> float:
         """The resistance between a balloon's film and its source."""
-        return self.resistance[name] if isinstance(self.resistance, dict) else self.resistance
+        return _of(self.resistance, name)
 
     def current_limit_of(self, name: str) -> float:
         """The largest current of a balloon's source; inf for none."""
-        if self.current_limit is None:
-            return math.inf
-        return self.current_limit[name] if isinstance(self.current_limit, dict) else self.current_limit
+        return math.inf if self.current_limit is None else _of(self.current_limit, name)
 
 
 class Shape(Frozen):

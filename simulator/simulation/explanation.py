@@ -254,7 +254,9 @@ def _equations(group: Group, device: Device, scenario: Scenario) -> Iterator[str
             for number, branch in enumerate(scenario.balloons[place].branches, start=1)
         ]
         terms += "".join(f" + {share}" for share, _ in branches)
-        yield f"flow of {name}: {scenario.dynamics.relaxation_of(name):g} dλ/dt = −[{terms}]{wave}"
+        slow, exponent = scenario.dynamics.friction_of(name)
+        friction = f"{slow:g} λ⁻²" if exponent else f"{slow:g}"
+        yield f"flow of {name}: {friction} dλ/dt = −[{terms}]{wave}"
         for _, moves in branches:
             yield f"Maxwell branch of {name}: {moves}"
         if scenario.supply is not None and place in device.electroded:

@@ -339,7 +339,7 @@ def material_of(scenario: Scenario) -> Material:
     dynamics = scenario.dynamics
     assert dynamics is not None
     return Material(
-        tuple(Friction(dynamics.relaxation_of(balloon.name)) for balloon in scenario.balloons),
+        tuple(Friction(*dynamics.friction_of(balloon.name)) for balloon in scenario.balloons),
         tuple(tuple(_branches(balloon)) for balloon in scenario.balloons),
     )
 

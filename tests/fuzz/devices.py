@@ -183,9 +183,10 @@ def dynamics(rng: Rng, balloons: list[Document], pace: float) -> Document:
         for balloon in balloons:
             if chance(rng, 0.7):
                 balloon["maxwell"] = _branches(rng, part(balloon, "modulus"), pace)
+    key = "viscosity" if chance(rng, 0.2) else "relaxation_time"
     if chance(rng, 0.3):
-        return {"relaxation_time": {b["name"]: relaxation() for b in balloons}}
-    return {"relaxation_time": relaxation()}
+        return {key: {b["name"]: relaxation() for b in balloons}}
+    return {key: relaxation()}
 
 
 def supply(rng: Rng, balloons: list[Document], pace: float) -> Document | None:

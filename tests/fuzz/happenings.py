@@ -172,6 +172,7 @@ class _Seen:
                 wall,
                 None if b.breakdown is None else strength_of(b),
                 1.0,
+                0.0,
                 (),
             )
             for b, wall in zip(self.balloons, self.walls, strict=True)

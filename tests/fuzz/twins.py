@@ -111,7 +111,7 @@ def paced(document: Document, rng: Rng, folder: Path) -> Twin | None:
 
     twin = _with_steps(document, slower)
     if "dynamics" in twin:
-        twin["dynamics"] = {"relaxation_time": times(twin["dynamics"]["relaxation_time"])}
+        twin["dynamics"] = {key: times(value) for key, value in twin["dynamics"].items()}
         for balloon in twin["balloon"]:
             if "maxwell" in balloon:
                 named = balloon["maxwell"]

@@ -42,6 +42,7 @@ class Film:
     wall: Law
     strength: Callable[[float], float] | None
     relaxation: float
+    exponent: float
     springs: tuple[AnySpring, ...]
     source: Source | None = None
 
@@ -178,8 +179,9 @@ class Motion:
             out[places] = spring.rates(x, own)
             heat += self.films[i].radius ** 2 * self.films[i].thickness * spring.heat(x, own)
         for i, film in enumerate(self.films):
-            out[i] = -balance[i] / film.relaxation
-            heat += film.radius**2 * film.thickness * film.relaxation * out[i] ** 2
+            slow = film.relaxation * float(stretch[i]) ** film.exponent
+            out[i] = -balance[i] / slow
+            heat += film.radius**2 * film.thickness * slow * out[i] ** 2
         given = drive.voltages(time)
         for i, place in self.behind.items():
             film, x, phi = self.films[i], float(stretch[i]), float(y[place])
@@ -205,11 +207,13 @@ class Motion:
             out[i, i] += spring.stiffness(x, own)
             own_places = np.arange(places.start, places.stop)
             out[i, own_places], out[own_places, i], out[own_places, own_places] = spring.slopes(x, own)
-        for i, film in enumerate(self.films):
-            out[i] /= -film.relaxation
         rate = self.rates(time, y, drive)
         for i, film in enumerate(self.films):
-            out[-1] += 2.0 * film.radius**2 * film.thickness * film.relaxation * rate[i] * out[i]
+            x = float(stretch[i])
+            out[i] /= -film.relaxation * x**film.exponent
+            out[i, i] -= film.exponent * rate[i] / x
+            size = film.radius**2 * film.thickness * film.relaxation * x**film.exponent
+            out[-1] += 2.0 * size * rate[i] * out[i]
         return out
 
     def slopes(

@@ -267,10 +267,17 @@ def _film(scenario: Scenario, balloon: Any) -> Film:
         balloon.permittivity,
         law,
         strength,
-        scenario.dynamics.relaxation_of(balloon.name),
+        *_friction(scenario.dynamics, balloon.name),
         tuple(springs_of(balloon)),
         _source(scenario, balloon),
     )
+
+
+def _friction(dynamics: Any, name: str) -> tuple[float, float]:
+    """c and n of c λⁿ dλ/dt = −g: a relaxation time, or 12η and −2 of a Newtonian film."""
+    given = dynamics.viscosity if dynamics.relaxation_time is None else dynamics.relaxation_time
+    size = given[name] if isinstance(given, dict) else given
+    return (size, 0.0) if dynamics.relaxation_time is not None else (12.0 * size, -2.0)
 
 
 def _source(scenario: Scenario, balloon: Any) -> Source | None:
