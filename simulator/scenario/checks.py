@@ -181,10 +181,7 @@ def _of_drive(
             allowed = f"{lack}, must be one of {', '.join(electroded)}"
             yield Problem(f"{key}.{kind}.{name}", _plain(by_name[name]), allowed)
     ends = until_of(step)
-    if ends and scenario.dynamics is not None:
-        # Where a flow in real time passes a value is not looked for.
-        yield Problem(f"{key}.until", _plain(ends), "needs a scenario without [dynamics]")
-    elif ends and ends.event == "loss_of_sphericity" and scenario.shape.on_loss != "record":
+    if ends and ends.event == "loss_of_sphericity" and scenario.shape.on_loss != "record":
         yield Problem(f"{key}.until.event", ends.event, 'needs [shape] on_loss = "record"')
     elif electroded and ends:
         yield from _never(ends, f"{key}.until", names, electroded, step.valve)

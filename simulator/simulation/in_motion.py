@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,15 @@ Drive = Callable[[float], tuple[float, float]]
 _BESIDE = 3  # steps on either side of an extreme through which a polynomial goes
 _CLOSE = 0.05  # of the longest of them: a shorter step is left out
 _GRID, _ROUNDS = 33, 4  # how finely a polynomial is looked at, and how often again
+
+
+class Moving(NamedTuple):
+    """A flow, and what moves it: the sources, their way, and the drive along it."""
+
+    flow: Flow
+    sources: Sources
+    way: Way
+    drive: Drive
 
 
 @dataclass(frozen=True)

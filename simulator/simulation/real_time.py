@@ -18,7 +18,7 @@ from simulator.scenario import duration
 from simulator.simulation import motion
 from simulator.simulation.atlas import is_empty, loses_tension
 from simulator.simulation.chords import Ranges
-from simulator.simulation.in_motion import Drive, PassageStates, closer, extremes, smooth_parts
+from simulator.simulation.in_motion import Drive, Moving, PassageStates, closer, extremes, smooth_parts
 from simulator.simulation.legs import SAME_INSTANT
 from simulator.simulation.present import Samples, Snapshot
 from simulator.simulation.sampling import sample_fractions
@@ -36,12 +36,15 @@ if TYPE_CHECKING:
     from simulator.simulation.books import Books
     from simulator.simulation.recorder import Recorder
     from simulator.simulation.until import Watch
+    from simulator.solver.margins import Stopping
 
 FloatArray = NDArray[np.float64]
 
 _BEYOND = 1e-9  # a margin so far below zero is not one of rounding
 _SOON = 1e-4  # of a part of a leg: where it is seen which way voltages go
 _AT_REST = 1e-12  # stretch: what moves by less does not move
+_FIRST = 1e-5  # of a part of a leg: where it is seen to which side a value is left
+_KINDS = frozenset(EventKind)
 _SLACK = 1e-14  # of the ambient pressure: what rounding leaves of no pressure
 
 
@@ -63,6 +66,9 @@ class RealTime:
         record.present.own = self.material.at_rest()
         record.present.supply = self.sources.supply(record.present.voltage)
         record.material = self.material if self.material.slots else None
+        # What ends the step that is played early, and what of that was reached.
+        self.watch: Watch | None = None
+        self.reached: str | None = None
         # What held the balloons until now: before the first step nothing, as with the valve open.
         self.held_by: Contents | None = None
 
@@ -105,8 +111,9 @@ class RealTime:
     def travel(
         self, step: PlayedStep, legs: Sequence[Leg], start: float, lasts: float, watch: Watch | None
     ) -> str | None:
-        """Let the balloons flow through the legs of a step, which has no early end."""
+        """Let the balloons flow through the legs of a step; return what ended it early, if anything did."""
         present = self.record.present
+        self.watch, self.reached = watch, None
         self.held_by = present.contents
         fractions = sample_fractions(self.scenario.output, step, legs, lasts)
         for leg in legs:
@@ -116,9 +123,9 @@ class RealTime:
             self._leg(
                 groups, leg, leg.within(fractions), start + lasts * leg.start, lasts * (leg.end - leg.start)
             )
-            if self.record.ended:
+            if self.record.ended or self.reached:
                 break
-        return None
+        return self.reached
 
     def _leg(self, groups: list[Group], leg: Leg, fractions: FloatArray, start: float, lasts: float) -> None:
         """Let the balloons flow through a leg, with samples at those of the fractions that lie in it."""
@@ -137,10 +144,12 @@ class RealTime:
             # Each part in its own time: an edge of a nanosecond is as long as its own steps.
             times = (marks - begin) * lasts
             before, own_before = present.stretch, present.own
-            passage = flow.run(drive, before, own_before, times, self.effort)
+            moving = Moving(flow, self.sources, leg.way, drive)
+            stops = self._stopping(moving, _FIRST * times[-1] if leg.start == begin == 0.0 else 0.0)
+            passage = flow.run(drive, before, own_before, times, self.effort, stops)
             wanted = np.full(times.size, True)
             wanted[0], wanted[-1] = False, bool(at_end.any())  # the first is here already
-            states = PassageStates(passage, flow, self.sources, leg.way, drive)
+            states = PassageStates(passage, *moving)
             place = np.searchsorted(times, passage.time)
             clock, wanted = (start + marks * lasts)[place], wanted[place]
             self._extremes(states, clock[0])
@@ -153,6 +162,14 @@ class RealTime:
             if unseen is not None:
                 raise ArithmeticError(f"{unseen} was passed unseen")
         present.time = start + lasts
+
+    def _stopping(self, moving: Moving, soon: float) -> Stopping | None:
+        """What ends the step early in a passage that is about to begin; None where it has no `until`."""
+        if self.watch is None:
+            return None
+        from simulator.simulation.stopping import stopping  # a step without `until` does without
+
+        return stopping(self.watch, moving, self.record.present, soon)
 
     def _goes_slack(self, flow: Flow, way: Way, drive: Drive, lasts: float) -> bool:
         """Whether balloons without pressure lose their tension as a part of a leg begins: where they grow."""
@@ -249,6 +266,12 @@ class RealTime:
             read = max(read, upto)
             present.time = float(clock[0] + passed.time)
             here = states.of(passed.stretch[None], passed.own[None], [passed.time]).last
+            if self.watch is not None and passed.kind in self.watch.labels:
+                self.reached = str(passed.kind)
+            if passed.kind not in _KINDS:
+                present.take(here)
+                self.record.sample_now()
+                break
             if passed.kind in SHAPE_EVENTS:
                 self._shape(ShapeChange(EventKind(passed.kind), passed.balloon, passed.mode), here)
             elif passed.kind == EventKind.LIMIT_POINT:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from simulator.events import EventKind
 from simulator.model.conditions import shape_conditions, stability_in_motion
@@ -29,6 +29,17 @@ class Watched:
     ends: bool
     balloon: int = -1
     mode: str = ""
+
+
+class Stopping(NamedTuple):
+    """What ends a passage besides what ends a history: values that are taken, and events of some kinds."""
+
+    values: tuple[Watched, ...] = ()
+    kinds: frozenset[str] = frozenset()
+
+    def among(self, known: Iterable[Watched]) -> list[Watched]:
+        """All that is watched, with what ends the passage."""
+        return [*(replace(one, ends=True) if one.kind in self.kinds else one for one in known), *self.values]
 
 
 def watched(flow: Flow) -> Iterator[Watched]:

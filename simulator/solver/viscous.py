@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from simulator.model.groups import Group
 from simulator.solver.ida import Course, Effort, IntegrationError, System, integrate
-from simulator.solver.margins import Shapes, watched
+from simulator.solver.margins import Shapes, Stopping, watched
 from simulator.solver.passage import Material, Passage, Passed, Slot, Steps
 
 FloatArray = NDArray[np.float64]
@@ -73,14 +73,18 @@ class Flow:
 
     def swelling(self, stretch: FloatArray, own: FloatArray, v: float) -> tuple[float, float]:
         """How fast the balloons' volume grows, Σ r³λ² dλ/dt, and the largest |dλ/dt|."""
-        rates = self._rates(self._start(stretch.tolist(), own.tolist()), v, 0.0)[: self.count]
+        rates = self.rates_at(self.unknowns(stretch, own), v)[: self.count]
         walls = zip(self._walls, stretch.tolist(), rates, strict=True)
         return sum(w.cube * x * x * rate for w, x, rate in walls), max(map(abs, rates))
 
-    def _start(self, stretch: Sequence[float], own: Sequence[float]) -> list[float]:
+    def unknowns(self, stretch: FloatArray, own: FloatArray) -> list[float]:
         """All unknowns, the books empty."""
         books = self.slots[-1].books.stop - self._own.stop if self.slots else 0
-        return [*stretch, *own, *[0.0] * (books + 2)]
+        return [*stretch.tolist(), *own.tolist(), *[0.0] * (books + 2)]
+
+    def rates_at(self, values: Sequence[float], v: float) -> list[float]:
+        """Rates of all unknowns at a drive that stands still."""
+        return self._rates(values, v, 0.0)
 
     def _rates(self, values: Sequence[float], v: float, speed: float) -> list[float]:
         """Rates of all unknowns."""
@@ -185,6 +189,7 @@ class Flow:
         own: FloatArray,
         times: FloatArray,
         effort: Effort,
+        stopping: Stopping | None = None,
     ) -> Passage:
         """Let the balloons flow from `times[0]` to `times[-1]`, or to what ends the history.
 
@@ -199,13 +204,15 @@ class Flow:
             Rising; states are returned at these.
         effort : Effort
             Counters, added to.
+        stopping : Stopping, optional
+            What ends it besides what ends the history.
 
         Raises
         ------
         IntegrationError
             If IDA fails.
         """
-        seen = list(watched(self))
+        seen = (stopping or Stopping()).among(watched(self))
         equals = self._equals(stretch.tolist(), own.tolist())
 
         def even(values: list[float]) -> list[float]:
@@ -233,7 +240,7 @@ class Flow:
                 for row, parts in zip(rows, still, strict=True)
             ]
 
-        start = np.array(even(self._start(stretch.tolist(), own.tolist())))
+        start = np.array(even(self.unknowns(stretch, own)))
         rounding = sum(w.weight * x**4 for w, x in zip(self._walls, stretch.tolist(), strict=True))
         system = System(
             lambda t, y, yp: self._residual(even(y), yp, *drive(t)),
