@@ -18,7 +18,7 @@ WORKERS ?= 2
 # Further options of a study or of the benchmarks: `make accuracy OPTIONS="--repeat 1 --out results"`.
 OPTIONS ?=
 
-.PHONY: help venv demo test browser format check coverage lowest pythons bench fuzz fuzz-whole fuzz-lockstep fuzz-states accuracy stress paper figures docs
+.PHONY: help venv demo test browser format check coverage lowest pythons bench fuzz fuzz-whole fuzz-lockstep fuzz-states accuracy stress paper figures docs release
 
 help:
 	@echo "make demo      run scenarios/$(DEMO).toml, write its CSV files and its picture"
@@ -39,6 +39,7 @@ help:
 	@echo "make paper     compare with every number of the paper; docs/paper.md"
 	@echo "make figures   draw the figures of the paper; docs/figures"
 	@echo "make docs      run every code block of the docs, draw the gallery, build the site; $(SITE)/index.html"
+	@echo "make release   build what would be published, and try it from the wheel alone; dist/"
 	@echo "make venv      create or update the environment in $(VENV)"
 
 venv: $(INSTALLED)
@@ -97,6 +98,11 @@ docs: $(INSTALLED_DOCS)
 	@rm -rf docs/reference/api docs/gallery/drawn
 	$(BIN)/python -m sphinx -W -n --keep-going -q -E -b html docs $(SITE)
 	@echo "The site: $(SITE)/index.html"
+
+# Nothing is uploaded: that is `twine upload dist/*`, by hand.
+release: $(INSTALLED)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev,release]"
+	$(BIN)/python -m tests.release $(OPTIONS)
 
 $(INSTALLED_DOCS): $(INSTALLED)
 	@echo "Installing what the site is built with ..."

@@ -63,6 +63,13 @@ def pictures(page: str) -> list[tuple[str, str]]:
     return [(match["drawn"], match["shown"]) for match in _PICTURE.finditer(page)]
 
 
+def links(page: str) -> list[str]:
+    """The files that a page links to, without their anchors; what stands in blocks is none."""
+    text = re.sub(r"`[^`]*`", "", _BLOCK.sub("", page))
+    targets = re.findall(r"\]\(([^)#\s]+)[^)]*\)", text)
+    return [target for target in targets if "://" not in target]
+
+
 def commands(text: str) -> list[tuple[str, str]]:
     """The commands of a console block, each with what it is to print."""
     parts = re.split(r"^\$ ", text, flags=re.MULTILINE)[1:]

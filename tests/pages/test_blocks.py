@@ -19,10 +19,11 @@ from typing import Any
 import pytest
 
 import simulator
-from tests.pages.blocks import Block, agrees, blocks, commands, pictures
+from tests.pages.blocks import Block, agrees, blocks, commands, links, pictures
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
+BESIDE = ["CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md"]  # of the docs
 # With BALLOONS_PICTURES=1 the pictures that the blocks draw become those of the docs.
 KEPT = bool(os.environ.get("BALLOONS_PICTURES"))
 
@@ -109,6 +110,12 @@ def check_page(page: Path, folder: Path, names: dict[str, Any]) -> None:
         assert (folder / drawn).exists(), drawn
         if KEPT:
             shutil.copyfile(folder / drawn, page.parent / shown)
+
+
+@pytest.mark.parametrize("page", [page for walk in walks() for page in walk] + BESIDE)
+def test_every_link_is_to_a_file_that_is_there(page: str) -> None:
+    for target in links((ROOT / page).read_text("utf-8")):
+        assert ((ROOT / page).parent / target).exists(), target
 
 
 @pytest.mark.parametrize("walk", walks(), ids=lambda walk: walk[0])
