@@ -256,6 +256,28 @@ def test_the_new_voltage_on_old_films_is_not_among_the_fields_of_a_jump():
     assert {(row["outcome"], row["largest_field_active"]) for row in rows} == {("runaway", 0.0)}
 
 
+def test_a_flow_does_not_lead_beyond_a_stretch_limit():
+    """A film breaks in the jump, while the passive balloon is close to its limit, at 14.86."""
+    elastomer = {"model": "ogden", "mu": [630000.0, 1200.0, -10000.0], "alpha": [1.3, 5.0, -2.0]}
+    strength = {"law": "power", "field": 3.967, "stretch_exponent": -0.7419, "thickness_exponent": 0.2309}
+    balloons = [
+        {
+            "name": "film",
+            "permittivity": 0.5534,
+            "electrodes": True,
+            "breakdown": strength,
+            "elastomer": GENT,
+        },
+        {"name": "small", "radius": 0.1999, "thickness": 0.6494, "elastomer": elastomer},
+        {"name": "large", "thickness": 0.8657898477541551, "elastomer": {"model": "gent", "J_lim": 438.8}},
+    ]
+    steps = [{"inflate": 1.202}, {"jump": 0.2979}]
+    scenario = {"title": "far out", "gas": {"ambient_pressure": 0.001603}, "balloon": balloons, "step": steps}
+    sweep = sampled(scenario, {"balloon.film.radius": (0.93, 0.96)})
+    assert {row["outcome"] for row in in_lockstep(sweep)} <= {"breakdown", None}
+    assert play(read_sweep(sweep).job, 0, (0.94,))["outcome"] == "breakdown"
+
+
 def test_a_largest_field_right_before_a_limit_point():
     radii = (0.176, 0.1842811024233263, 0.176, 0.16153214827334192)
     thick = (1.0, 1.0, 0.8194679644473716, 1.0)

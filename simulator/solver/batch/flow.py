@@ -23,7 +23,7 @@ from simulator.solver.batch import tight
 from simulator.solver.batch.bordered import Bordered, softest
 from simulator.solver.batch.events import at_drive
 from simulator.solver.batch.interval import square
-from simulator.solver.batch.motion import Jacobian, Trail, full_state, margins_at, rates_at
+from simulator.solver.batch.motion import Jacobian, Trail, full_state, is_possible, margins_at, rates_at
 from simulator.solver.batch.stacked import Parts, Stacked
 
 FloatArray = NDArray[np.float64]
@@ -40,6 +40,7 @@ _LINGERS = 1e-3  # over the largest speed so far: a flow this slow that grows fa
 _GRAZES = 0.02  # a margin that comes as close to zero on the way may be passed by a tight flow
 _GROWS = 1.0  # e-folds by which anything off the trajectory may grow in a loose step
 _MOST_ALIVE = 0.8
+_ROUNDING = 1e-12  # of a potential
 _GAMMA = 1.0 - 0.5 * 2.0**0.5
 
 
@@ -116,9 +117,7 @@ def snap(batch: Stacked, fold: FloatArray, ahead: FloatArray) -> Rests:
         some, point, way = batch.take(left), fold[:, left], escape[:, left]
         with np.errstate(all="ignore"):
             found = _flow(some, point, point[: batch.count] + off * way, way, off)
-            energy = some.equations.potential
-            lost = np.asarray(energy(list(point))) - np.asarray(energy(list(found.states)))
-        found.end[~(lost >= 0.0)] = GAVE_UP
+            _give_up_what_rises(some, point, found)
         out.states[:, left], out.end[left], out.largest[:, left] = found.states, found.end, found.largest
         out.low[:, left], out.high[:, left] = found.low, found.high
         left = left[found.end == GAVE_UP]
@@ -136,7 +135,14 @@ def relax(batch: Stacked, start: FloatArray) -> Rests:
             # Broken as it begins.
             broken = margins.min(axis=0) <= 0.0
             found.end[broken] = 1 + np.argmin(margins, axis=0)[broken]
+        _give_up_what_rises(batch, start, found)
     return found
+
+
+def _give_up_what_rises(batch: Stacked, start: FloatArray, found: Rests) -> None:
+    """A gradient flow only loses potential. What gains some, or has none, is not where the flow leads."""
+    first, last = (np.asarray(batch.equations.potential(list(y))) for y in (start, found.states))
+    found.end[~(first - last >= -_ROUNDING * np.abs(first))] = GAVE_UP
 
 
 def _is_covered(batch: Stacked) -> bool:
@@ -234,8 +240,7 @@ def _loosely(
     second = solve(rates_at(batch, full_state(batch, x + h * first, v)) - 2.0 * first)
     new = x + h * (1.5 * first + 0.5 * second)
     error = np.sqrt(((0.5 * h * (first + second) / (0.5 + 0.5 * x)) ** 2).sum(axis=0)) / _LOOSE
-    inside = np.array([np.asarray(d) for d in np.broadcast_arrays(*batch.denominators(list(new)), v)[:-1]])
-    fine = (error <= 1.0) & (inside > 0.0).all(axis=0) & (new > 0.0).all(axis=0)
+    fine = (error <= 1.0) & is_possible(batch, new)
     growth = np.clip(0.75 / np.sqrt(np.maximum(error, 1e-4)), 0.2, 1.5)
     gone = ended | lingered | (h * fastest <= 1e-12)
     gone[landed] = True

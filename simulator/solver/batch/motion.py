@@ -21,6 +21,12 @@ def full_state(batch: Stacked, stretches: FloatArray, v: FloatArray) -> FloatArr
     return np.concatenate([stretches, pressure[None], v[None]])
 
 
+def is_possible(batch: Stacked, stretches: FloatArray) -> NDArray[np.bool_]:
+    """Whether no stretch is beyond the limit of its elastomer, or none at all."""
+    inside = np.broadcast_arrays(*batch.denominators(list(stretches)), stretches[0])[:-1]
+    return np.asarray((np.array(inside) > 0.0).all(axis=0) & (stretches > 0.0).all(axis=0))
+
+
 def rates_at(batch: Stacked, y: FloatArray) -> FloatArray:
     """Dλ/dt of full states."""
     residual = batch.equations.residual(list(y))

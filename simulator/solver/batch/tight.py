@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from simulator.model.conditions import COMPLEX_STEP
 from simulator.solver.batch.dop853 import ERROR_3, ERROR_5, STAGES, WEIGHTS
-from simulator.solver.batch.motion import Jacobian, Trail, full_state, margins_at, rates_at
+from simulator.solver.batch.motion import Jacobian, Trail, full_state, is_possible, margins_at, rates_at
 from simulator.solver.batch.stacked import Stacked
 
 FloatArray = NDArray[np.float64]
@@ -214,7 +214,7 @@ def _stepped(front: _Front, passing: list[_Passing]) -> _Front:
     h = np.minimum(front.h, _LONGEST / np.maximum(fade, 1e-300))
     x, error, low = _step(batch, front.x, v, h)
     error = error * np.exp(-0.8 * left)
-    fine = (error <= 1.0) & np.isfinite(x).all(axis=0)
+    fine = (error <= 1.0) & np.isfinite(x).all(axis=0) & is_possible(batch, x)
     y = full_state(batch, np.where(fine, x, front.x), v)
     margins = margins_at(batch, y)
     below = fine & (margins <= 0.0).any(axis=0) & front.alive
@@ -259,5 +259,5 @@ def _located(batch: Stacked, v: FloatArray, passing: list[_Passing]) -> Ends:
     others = values.real.copy()
     np.put_along_axis(others, first[None], np.inf, axis=0)
     good &= (others.min(axis=0) > 0.0) if len(others) > 1 else True
-    good &= (memory + h * fade >= _FORGOTTEN) & (error <= 1.0)
+    good &= (memory + h * fade >= _FORGOTTEN) & (error <= 1.0) & is_possible(batch, x)
     return Ends(index[good], y[:, good], first[good])
