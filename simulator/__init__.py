@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from simulator.results.files import OutputError
     from simulator.results.fit import Estimate, Fit
     from simulator.results.history import EnergyBalance, Event, History, SolverStatistics, Stop, Verdict
-    from simulator.results.loading import load_curve, load_curves, load_history
+    from simulator.results.loading import load_curve, load_curves, load_history, load_unloading
     from simulator.results.loops import Loop, Threshold
     from simulator.results.plot.history import plot_histories
     from simulator.results.sensitivity import Sensitivity
@@ -116,6 +116,7 @@ __all__ = [
     "load_scenario",
     "load_sweep",
     "load_table",
+    "load_unloading",
     "loops",
     "optimize",
     "plot_histories",
@@ -155,7 +156,7 @@ _NAMES = {
     "results.files": ("OutputError",),
     "results.fit": ("Estimate", "Fit"),
     "results.history": ("EnergyBalance", "Event", "History", "SolverStatistics", "Stop", "Verdict"),
-    "results.loading": ("load_curve", "load_curves", "load_history"),
+    "results.loading": ("load_curve", "load_curves", "load_history", "load_unloading"),
     "results.plot.history": ("plot_histories",),
     "results.states": ("State", "StateGraph", "Transition"),
     "results.unloading": ("UnloadedPath", "Unloading", "UnloadingMap"),

@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from simulator import loops, simulate, unload
 from simulator.cli import app
+from simulator.hysteresis.loops import turning_points
 from tests.oracle.closed_form import SealedPair, reference_history
 from tests.pairs import pair, run
 
@@ -73,7 +74,7 @@ def test_losses_are_the_area_of_every_closed_loop():
     assert [one.closed for one in found] == [True, None, None]
 
 
-def test_actuators_have_a_loop_each_and_waves_have_none():
+def test_actuators_have_a_loop_each():
     document = {
         "gas": {"ambient_pressure": 0.015},
         "balloon": [
@@ -85,11 +86,67 @@ def test_actuators_have_a_loop_each_and_waves_have_none():
             {"ramp": {"a": 0.2}},
             {"ramp": {"a": 0.0, "b": 0.3}},
             {"ramp": 0.0},
-            {"sine": {"mean": 0.1, "amplitude": 0.1, "cycles": 2, "period": 1}},
         ],
     }
     found = loops(simulate({"title": "two", **document}))
     assert [(one.balloon, one.peak) for one in found] == [("a", 0.2), ("b", 0.3)]
+
+
+WAVES = [
+    {"sine": {"mean": 0.2, "amplitude": 0.2, "period": 1, "cycles": 3}},
+    {"triangle": {"low": 0.0, "high": 0.4, "period": 1, "cycles": 3}},
+]
+
+
+@pytest.mark.parametrize("wave", WAVES)
+def test_each_period_of_a_wave_is_a_loop(wave):
+    """With the thresholds and the area of ramps, in 40-digit arithmetic 40.830526."""
+    history = run(pair(1.2, wave, ambient=0.015, output={"points": 11}))
+    found = history.loops
+    assert found == loops(history)
+    whole = [one for one in found if one.closed and (one.low, one.peak, one.back) == (0.0, 0.4, 0.0)]
+    assert len(whole) >= 2
+    (ramped,) = loops(run(pair(1.2, *ramps(0.4, 0.0), ambient=0.015)))
+    for one in whole:
+        assert one.width == pytest.approx(ramped.width, rel=1e-12)
+    for one in whole[1:]:  # the first wave sets out by a jump
+        assert one.area == pytest.approx(ramped.area, rel=1e-9)
+        assert one.area == pytest.approx(one.dissipated, rel=1e-8)
+    # Cycles begin where the wave does, loops where the voltage turns; what is lost is the same.
+    lost = sum(event.dissipated or 0.0 for event in history.events)
+    assert sum(one.dissipated for one in found) == pytest.approx(lost, rel=1e-12)
+
+
+def test_a_table_has_loops_if_its_rows_are_samples_and_noise_is_none(tmp_path):
+    times = np.arange(201.0)
+    voltage = 0.2 - 0.2 * np.cos(times / 100.0 * 2.0 * np.pi)
+    voltage[1:-1] = np.abs(voltage[1:-1] + 1e-3 * np.sin(37.0 * times[1:-1]))
+    path = tmp_path / "table.csv"
+    rows = "\n".join(f"{t!r},{v!r}" for t, v in zip(times.tolist(), voltage.tolist(), strict=True))
+    path.write_text(f"time,voltage\n{rows}\n")
+    history = run(pair(1.2, {"table": str(path)}, ambient=0.015, output={"rows": True}))
+    assert [len(one.up) + len(one.down) for one in history.loops] == [2, 2]
+    assert all(one.area == pytest.approx(40.830526, rel=2e-3) for one in history.loops)
+    assert not loops(run(pair(1.2, {"table": str(path)}, ambient=0.015, output={"points": 50})))
+
+
+def test_a_voltage_that_changes_its_sign_has_no_loop():
+    wave = {"sine": {"mean": 0.0, "amplitude": 0.2, "period": 1, "cycles": 3}}
+    assert run(pair(1.2, wave, ambient=0.015)).loops == ()
+
+
+@pytest.mark.parametrize(
+    ("sizes", "found"),
+    [
+        ([0, 1, 2, 1, 0], [2]),
+        ([0, 1, 0.95, 1.2, 0, 0.05, 0, 2], [3, 4]),
+        ([2, 1, 0, 1], [2]),
+        ([1, 1, 1], []),
+        ([], []),
+    ],
+)
+def test_turning_points_are_turns_by_more_than_noise(sizes, found):
+    assert turning_points(np.array(sizes, dtype=float), 0.1) == found
 
 
 def test_a_history_that_ends_on_the_way_says_so():

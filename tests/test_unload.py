@@ -8,8 +8,19 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from simulator import ScenarioError, load_scenario, simulate, simulate_many, states, unload, unload_map
+from simulator import (
+    OutputError,
+    ScenarioError,
+    load_scenario,
+    load_unloading,
+    simulate,
+    simulate_many,
+    states,
+    unload,
+    unload_map,
+)
 from simulator.cli import app
+from simulator.results.html import unloading_html
 from tests.oracle.closed_form import SealedPair, equilibrium_curve, reference_history
 
 SCENARIOS = Path(__file__).parent.parent / "scenarios"
@@ -78,6 +89,48 @@ def test_each_peak_is_as_a_history_of_its_own(name, peaks):
             balance = history.energy_balance
             assert found.area[i] == pytest.approx(balance.electrical_work, abs=1e-8 * balance.exchanged)
             assert found.dissipated[i] == pytest.approx(balance.dissipated, rel=1e-10, abs=1e-12)
+
+
+def test_what_was_written_is_read_back_exactly(tmp_path):
+    found = unload(scenario("vhb_snap"), "2kV:6kV:3", reload=True, points=3)
+    ended = unload(scenario("fig3a_state_a"), [0.3, 0.6], points=3)
+    maps = unload_map(scenario("fig5c_state_a"), [0.4, 0.6], "gas.ambient_pressure", [0.05, 1.0])
+    for number, one in enumerate((found, ended, maps)):
+        one.to_csv(tmp_path / str(number))
+        again = load_unloading(tmp_path / str(number))
+        assert again == one
+        assert type(again) is type(one)
+    with pytest.raises(OutputError, match=r"unload\.json"):
+        load_unloading(tmp_path)
+    (tmp_path / "unload.json").write_text("{}")
+    with pytest.raises(OutputError, match="no unloading"):
+        load_unloading(tmp_path)
+
+
+def test_unloading_as_labelled_arrays_and_in_a_notebook():
+    one = scenario("vhb_snap")
+    found = unload(one, "2kV:6kV:3", points=3)
+    arrays = found.to_xarray()
+    assert arrays["peak"].values.tolist() == pytest.approx([2000.0, 4000.0, 6000.0])
+    assert (arrays["peak"].attrs["units"], arrays["area"].attrs["units"]) == ("V", "J")
+    np.testing.assert_allclose(arrays["area"], found.area * one.scales.energy, rtol=1e-15)
+    np.testing.assert_allclose(
+        arrays["remanent_stretch"].sel(balloon="active"), found.remanent_stretch[:, 0], rtol=0
+    )
+    maps = unload_map(scenario("fig5c_state_a"), [0.4, 0.6], "gas.ambient_pressure", [0.05, 1.0])
+    assert maps.to_xarray()["outcome"].sel({"gas.ambient_pressure": 1.0, "peak": 0.6}) == "loss_of_tension"
+    assert not maps.to_xarray()["area"].attrs
+    assert "stretches that remain" in unloading_html(found)
+    assert all(text in unloading_html(maps) for text in ("<h4>", "data:image/png"))
+
+
+def test_a_map_takes_the_place_of_what_was_there_before(tmp_path):
+    words = ["unload", str(SCENARIOS / "fig5c_state_a.toml"), "--peaks", "0.4:0.6:2", "--out", str(tmp_path)]
+    assert CliRunner().invoke(app, words).exit_code == 0
+    assert CliRunner().invoke(app, [*words, "--vary", "gas.ambient_pressure=0.05:1:2"]).exit_code == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"unload_map.csv", "unload_map.json"}
+    assert CliRunner().invoke(app, words).exit_code == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"unload.csv", "peaks.csv", "unload.json"}
 
 
 def test_in_lockstep_the_same_remains():

@@ -93,7 +93,7 @@ def unload(
 ) -> None:
     """Raise the voltage to each of many peaks and take it back; write unload.csv and peaks.csv."""
     from simulator.results.files import check_writable
-    from simulator.results.unloading_tables import MAP_FILE, UNLOADING_FILES
+    from simulator.results.unloading_tables import MAP_FILES, UNLOADING_FILES
     from simulator.scenario import load_scenario
 
     directory = Path("results") / f"{scenario.stem}-unload" if out is None else out
@@ -103,7 +103,8 @@ def unload(
         fail(f"--vary {vary}: must be a key with values, such as gas.ambient_pressure=0.05:1:20", BAD_INPUT)
     if vary is not None and reload:
         fail("--reload does not go with --vary", BAD_INPUT)
-    names, stem = (UNLOADING_FILES, UNLOADING_PICTURE) if vary is None else ((MAP_FILE,), MAP_PICTURE)
+    kinds = [(UNLOADING_FILES, UNLOADING_PICTURE), (MAP_FILES, MAP_PICTURE)]
+    (names, stem), (others, other_stem) = kinds if vary is None else kinds[::-1]
     picture = wanted(stem, plot=plot, form=form)
     paths: list[Path] = []
     with errors_reported(lambda: interrupted(paths)):
@@ -118,7 +119,7 @@ def unload(
             else:
                 found = unload_map(loaded, peaks, key, values, along=shares)
         paths += found.to_csv(directory)
-        removed = remove_old(directory, any_format(stem))
+        removed = remove_old(directory, [*any_format(stem), *any_format(other_stem), *others])
         paths += draw(directory, picture, found.plot)
     if not quiet:
         from simulator.cli.summary_hysteresis import summarise_unloading

@@ -1,11 +1,11 @@
 """The loops of a history: each excursion of a voltage that rises from a turning point and comes back.
 
-Their ends and peaks are ends of steps (ramps, jumps, holds), where there always is a sample. What turns
-inside a step, as waves and recordings do, begins no loop here.
+Their ends and peaks are samples: ends of steps, extremes of waves, and rows of tables that are samples.
 """
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from itertools import zip_longest
 from typing import TYPE_CHECKING
@@ -16,13 +16,17 @@ from numpy.typing import NDArray
 from simulator.events import EventKind, Outcome
 from simulator.model.device import Device
 from simulator.results.loops import Loop, Threshold, snapping
-from simulator.scenario import Charge, Hold, Inflate, Jump, Ramp
+from simulator.scenario import Charge, Hold, Inflate, Jump, Ramp, Sine, Table, Triangle
 
 if TYPE_CHECKING:
     from simulator.results.history import Event, History
+    from simulator.scenario import PlayedStep
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
+_ROUNDING = 1e-9  # of the largest voltage of a wave
+_NOISE = 1e-2  # of that of a table
 _SAME = 1e-8  # stretches, relatively, of states that are one
 _OFF = 1e-12  # of the peak: a voltage that is off
 _SNAPS = (EventKind.LIMIT_POINT, EventKind.BRANCH_POINT)
@@ -31,8 +35,8 @@ _SNAPS = (EventKind.LIMIT_POINT, EventKind.BRANCH_POINT)
 def loops(history: History) -> tuple[Loop, ...]:
     """The loops of a history: each excursion of a voltage that rises from a turning point and comes back.
 
-    Turning points are ends of steps: of ramps, jumps and holds. Waves and recordings, which turn inside their
-    step, have none here.
+    Turning points are ends of ramps, jumps and holds, extremes of sines and triangles, and turns of tables
+    all of whose rows are samples. A turn of a table by less than 1/100 of its largest voltage is noise.
 
     Parameters
     ----------
@@ -59,7 +63,10 @@ def loops(history: History) -> tuple[Loop, ...]:
     if not excursions:
         return ()
     device = Device.from_scenario(history.scenario)
-    found = [_loop(device, history, place, turns, is_open=is_open) for place, turns, is_open in excursions]
+    events = history.mechanical
+    found = [
+        _loop(device, history, events, place, turns, is_open=is_open) for place, turns, is_open in excursions
+    ]
     return tuple(sorted(found, key=lambda loop: loop.start))
 
 
@@ -84,20 +91,60 @@ def _monotone(history: History) -> Iterator[tuple[list[int], bool]]:
         if not rows.size:
             break
         last = int(rows[-1])
+        within = list(_turns(history, step, rows))
         if isinstance(step, Inflate):
             yield nodes, valve == "open"
             nodes = [last]
             continue
-        turned = nodes and np.any(history.voltage[nodes[-1]] * history.voltage[last] < 0.0)
-        known = isinstance(step, Ramp | Jump | Hold)
+        sides = history.voltage[[*nodes[-1:], *within, last]]
+        turned = bool(np.any((sides.min(axis=0) < 0.0) & (sides.max(axis=0) > 0.0)))
+        known = isinstance(step, Ramp | Jump | Hold) or bool(within)
         # The state that a step begins in is that in which the one before has ended.
         if not known or turned or step.valve != valve:
             yield nodes, valve == "open"
             nodes = nodes[-1:] if known and not turned else []
         valve = step.valve
-        if known or not isinstance(step, Charge):
-            nodes.append(last)
+        if turned and within:
+            nodes = [last]
+        elif known or not isinstance(step, Charge):
+            nodes += [row for row in (*within, last) if not nodes or row > nodes[-1]]
     yield nodes, valve == "open"
+
+
+def _turns(history: History, step: PlayedStep, rows: IntArray) -> Iterator[int]:
+    """The samples of a wave or a table at which a voltage turns, and its last; none of any other step."""
+    waves = isinstance(step, Sine | Triangle)
+    if not (waves or (isinstance(step, Table) and _all_rows(history, step))):
+        return
+    found: set[int] = {int(rows[0]), int(rows[-1])}
+    for sizes in np.abs(history.voltage[rows]).T:
+        # What rounding makes of the flat top of a sine is no turn.
+        least = (_ROUNDING if waves else _NOISE) * float(sizes.max(initial=0.0))
+        found.update(rows[turning_points(sizes, least)].tolist())
+    yield from sorted(found)
+
+
+def _all_rows(history: History, table: Table) -> bool:
+    """Whether every row of a table is a sample."""
+    output = history.scenario.output
+    return output.rows or (output.every is None and table.times.size <= output.points)
+
+
+def turning_points(sizes: FloatArray, least: float) -> list[int]:
+    """Places at which a sequence turns round by more than so much, in order."""
+    found: list[int] = []
+    up: bool | None = None
+    low = high = 0
+    for place, size in enumerate(sizes.tolist()):
+        low = place if size < sizes[low] else low
+        high = place if size > sizes[high] else high
+        if up is not True and size > sizes[low] + least:
+            found += [low] if up is False else []
+            up, high = True, place
+        elif up is not False and size < sizes[high] - least:
+            found += [high] if up else []
+            up, low = False, place
+    return found
 
 
 def _excursions(sizes: FloatArray, nodes: list[int]) -> Iterator[tuple[int, int, int]]:
@@ -113,12 +160,19 @@ def _excursions(sizes: FloatArray, nodes: list[int]) -> Iterator[tuple[int, int,
 
 
 def _loop(
-    device: Device, history: History, place: int, turns: tuple[int, int, int], *, is_open: bool
+    device: Device,
+    history: History,
+    events: Sequence[Event],
+    place: int,
+    turns: tuple[int, int, int],
+    *,
+    is_open: bool,
 ) -> Loop:
     a, b, c = turns
-    step = history.step
-    up = [event for event in history.mechanical if step[a] < event.step <= step[b]]
-    down = [event for event in history.mechanical if step[b] < event.step <= step[c]]
+    first, middle, last_of = (
+        bisect_right(events, (int(history.step[k]), float(history.time[k])), key=_when) for k in turns
+    )
+    up, down = events[first:middle], events[middle:last_of]
     lost = sum(event.dissipated or 0.0 for event in (*up, *down))
     sizes = np.abs(history.voltage[[a, b, c], place])
     off = _OFF * float(sizes[1])
@@ -148,7 +202,12 @@ def _loop(
     )
 
 
-def _thresholds(history: History, place: int, events: list[Event]) -> tuple[Threshold, ...]:
+def _when(event: Event) -> tuple[int, float]:
+    """Steps first: one may begin with an event at the instant at which the one before has ended."""
+    return event.step, event.time
+
+
+def _thresholds(history: History, place: int, events: Sequence[Event]) -> tuple[Threshold, ...]:
     return tuple(
         Threshold(
             abs(float(event.voltage[place])),

@@ -84,7 +84,7 @@ def setting(scenario: Scenario, along: Mapping[str, float] | None) -> Setting:
     if scenario.dynamics is not None:
         raise ScenarioError(
             scenario.file,
-            Problem("dynamics", None, "must not be there: the voltage of this study moves without haste"),
+            Problem("dynamics", None, "must not be there: these are equilibria, which take no time"),
         )
     if scenario.shape.on_loss == "stop":
         raise ScenarioError(

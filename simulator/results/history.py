@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from simulator import Explorer
+    from simulator.results.loops import Loop
     from simulator.results.shapes import ShapeVerdict
     from simulator.scenario import Scenario
 
@@ -254,6 +255,13 @@ class History:
     def mechanical(self) -> tuple[Event, ...]:
         """The events but those of shape: what happens to spheres."""
         return tuple(event for event in self.events if event.kind not in SHAPE_EVENTS)
+
+    @property
+    def loops(self) -> tuple[Loop, ...]:
+        """Each excursion of a voltage that rises from a turning point and comes back, as `loops(history)`."""
+        from simulator.hysteresis.loops import loops
+
+        return loops(self)
 
     @property
     def shapes(self) -> tuple[ShapeVerdict, ...]:

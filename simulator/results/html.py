@@ -14,6 +14,7 @@ from simulator.results.record import ending
 if TYPE_CHECKING:
     from simulator.results.curve import Curve
     from simulator.results.history import History
+    from simulator.results.unloading import Unloading, UnloadingMap
 
 EVENTS_SHOWN = 12
 
@@ -57,6 +58,31 @@ def curve_html(curve: Curve) -> str:
     return f"<h4>{html.escape(curve.title)}</h4>{_table(header, rows)}{picture}"
 
 
+def unloading_html(found: Unloading | UnloadingMap) -> str:
+    """Unloading from many peaks as HTML: of a map the picture alone."""
+    from simulator.results.unloading import Unloading
+
+    table = ""
+    if isinstance(found, Unloading):
+        shown = np.unique(np.linspace(0, len(found) - 1, min(len(found), EVENTS_SHOWN)).round().astype(int))
+        rows = [
+            [
+                f"{found.peaks[i]:.6g}",
+                found.outcome[i].replace("_", " "),
+                _numbers(found.remanent_stretch[i]),
+                f"{found.area[i]:.6g}",
+                f"{found.dissipated[i]:.6g}",
+                "yes" if found.closed[i] else "no",
+            ]
+            for i in shown.tolist()
+        ]
+        header = ["peak", "outcome", "stretches that remain", "area", "lost in snaps", "closed"]
+        table = _table(header, rows)
+        if len(found) > len(rows):
+            table += f"<p>{len(rows)} of {len(found)} peaks</p>"
+    return f"<h4>{html.escape(found.title)}</h4>{table}{_picture(found)}"
+
+
 def _numbers(values: np.ndarray | None) -> str:
     return "" if values is None else ", ".join(f"{value:.6g}" for value in values)
 
@@ -67,7 +93,7 @@ def _table(header: list[str], rows: list[list[str]]) -> str:
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
-def _picture(shown: History | Curve) -> str:
+def _picture(shown: History | Curve | Unloading | UnloadingMap) -> str:
     from simulator.results.plot.style import png
 
     content = base64.b64encode(png(shown.plot(), 100.0)).decode()

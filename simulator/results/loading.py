@@ -17,6 +17,8 @@ from simulator.results.files import OutputError
 from simulator.results.history import Event, History
 from simulator.results.plain_data import decoded, hints_of
 from simulator.results.tables import TRACE_RECORD
+from simulator.results.unloading import Unloading, UnloadingMap
+from simulator.results.unloading_tables import MAP_RECORD, UNLOADING_RECORD
 from simulator.scenario import load_scenario
 
 # The arrays of a history that have a column for each of some balloons.
@@ -115,6 +117,34 @@ def load_curves(directory: str | os.PathLike[str]) -> tuple[Curve, ...]:
         return tuple(decoded(Curve, curve) for curve in record["curves"])
     except (KeyError, TypeError, ValueError) as error:
         raise OutputError(f"no path in {str(directory)!r}: {error!r}") from error
+
+
+def load_unloading(directory: str | os.PathLike[str]) -> Unloading | UnloadingMap:
+    """Read back what `balloons unload` or `Unloading.to_csv` wrote, a map or not.
+
+    Raises
+    ------
+    OutputError
+        If there is none.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> folder, found = TemporaryDirectory(), unload("scenarios/fig5b_state_b.toml", "0.13:0.15:3")
+    >>> files = found.to_csv(folder.name)
+    >>> load_unloading(folder.name) == found
+    True
+    """
+    folder = Path(directory)
+    kind, name = (
+        (UnloadingMap, MAP_RECORD) if (folder / MAP_RECORD).exists() else (Unloading, UNLOADING_RECORD)
+    )
+    record = _record(folder / name)
+    try:
+        found: Unloading | UnloadingMap = decoded(kind, record)
+    except (KeyError, TypeError, ValueError) as error:
+        raise OutputError(f"no unloading in {str(folder)!r}: {error!r}") from error
+    return found
 
 
 def _record(path: Path) -> dict[str, Any]:

@@ -48,7 +48,10 @@ def decoded(hint: Any, value: Any) -> Any:
         kinds = [kind for kind in get_args(hint) if kind is not type(None)]
         return None if value is None else decoded(kinds[0], value)
     if origin is tuple:
-        return tuple(decoded(get_args(hint)[0], item) for item in value)
+        kinds = list(get_args(hint))
+        if kinds[-1] is Ellipsis:
+            kinds = kinds[:1] * len(value)
+        return tuple(decoded(kind, item) for kind, item in zip(kinds, value, strict=True))
     if origin is np.ndarray:
         (kind,) = get_args(get_args(hint)[1])
         if isinstance(value, dict):
@@ -72,7 +75,7 @@ def hints_of(kind: Any) -> dict[str, Any]:
     from simulator.units import Dimension, Scales
 
     # What a module imports for its annotations alone.
-    known = {"Scenario": Any, "Scales": Scales, "Dimension": Dimension, "ShapeVerdict": Any}
+    known = {"Scenario": Any, "Scales": Scales, "Dimension": Dimension, "ShapeVerdict": Any, "Loop": Any}
     hints = typing.get_type_hints(kind, localns=known)
     return {field.name: hints[field.name] for field in fields(kind)}
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     import pandas as pd
+    import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -132,10 +133,25 @@ class Unloading:
 
         return table(row_columns(self))
 
-    def to_csv(self, directory: str | PathLike[str]) -> list[Path]:
-        """Write `unload.csv` and `peaks.csv` into a directory, created if need be; return their paths.
+    def _repr_html_(self) -> str:
+        from simulator.results.html import unloading_html
 
-        Raises OutputError if it cannot be made or written to.
+        return unloading_html(self)
+
+    def to_xarray(self) -> xr.Dataset:
+        """What became of each peak, over `peak` and `balloon`; with scales in SI units. Needs xarray.
+
+        Raises MissingExtra without it.
+        """
+        from simulator.results.unloading_arrays import unloading_dataset
+
+        return unloading_dataset(self)
+
+    def to_csv(self, directory: str | PathLike[str]) -> list[Path]:
+        """Write `unload.csv`, `peaks.csv` and `unload.json` into a directory, created if need be.
+
+        Returns their paths; `load_unloading` reads them back. Raises OutputError if it cannot be made or
+        written to.
         """
         from simulator.results.unloading_tables import write_unloading
 
@@ -212,8 +228,22 @@ class UnloadingMap:
 
         return table(map_columns(self))
 
+    def _repr_html_(self) -> str:
+        from simulator.results.html import unloading_html
+
+        return unloading_html(self)
+
+    def to_xarray(self) -> xr.Dataset:
+        """What became of each value and peak, over the key, `peak` and `balloon`; with scales in SI units.
+
+        Raises MissingExtra without xarray.
+        """
+        from simulator.results.unloading_arrays import map_dataset
+
+        return map_dataset(self)
+
     def to_csv(self, directory: str | PathLike[str]) -> list[Path]:
-        """Write `unload_map.csv` into a directory, created if need be.
+        """Write `unload_map.csv` and `unload_map.json` into a directory, created if need be.
 
         Raises OutputError if it cannot be made or written to.
         """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from functools import partial
 from pathlib import Path
@@ -11,13 +12,16 @@ import numpy as np
 
 from simulator.results.csv_text import Columns, write_csv
 from simulator.results.files import write_files
+from simulator.results.plain_data import encoded
 from simulator.units import ENERGY, VOLTAGE, in_si
 
 if TYPE_CHECKING:
     from simulator.results.unloading import FloatArray, Unloading, UnloadingMap
 
-UNLOADING_FILES = ("unload.csv", "peaks.csv")
-MAP_FILE = "unload_map.csv"
+UNLOADING_RECORD = "unload.json"
+UNLOADING_FILES = ("unload.csv", "peaks.csv", UNLOADING_RECORD)
+MAP_RECORD = "unload_map.json"
+MAP_FILES = ("unload_map.csv", MAP_RECORD)
 
 
 def row_columns(found: Unloading) -> Columns:
@@ -72,16 +76,20 @@ def map_columns(found: UnloadingMap) -> Columns:
 
 
 def write_unloading(found: Unloading, directory: str | os.PathLike[str]) -> list[Path]:
-    """Write `unload.csv` and `peaks.csv` into a directory, both or none. Raises OutputError."""
-    tables = (row_columns(found), peak_columns(found))
-    return write_files(
-        directory, {name: partial(write_csv, t) for name, t in zip(UNLOADING_FILES, tables, strict=True)}
-    )
+    """Write `unload.csv`, `peaks.csv` and `unload.json` into a directory, all or none. Raises OutputError."""
+    rows, peaks, record = UNLOADING_FILES
+    tables = {rows: partial(write_csv, row_columns(found)), peaks: partial(write_csv, peak_columns(found))}
+    return write_files(directory, {**tables, record: _as_json(found)})
 
 
 def write_map(found: UnloadingMap, directory: str | os.PathLike[str]) -> list[Path]:
-    """Write `unload_map.csv` into a directory. Raises OutputError."""
-    return write_files(directory, {MAP_FILE: partial(write_csv, map_columns(found))})
+    """Write `unload_map.csv` and `unload_map.json` into a directory. Raises OutputError."""
+    table, record = MAP_FILES
+    return write_files(directory, {table: partial(write_csv, map_columns(found)), record: _as_json(found)})
+
+
+def _as_json(found: Unloading | UnloadingMap) -> bytes:
+    return f"{json.dumps(encoded(found), ensure_ascii=False, allow_nan=False)}\n".encode()
 
 
 def _voltages(names: tuple[str, ...], share: FloatArray, drive: FloatArray) -> Columns:

@@ -135,12 +135,16 @@ def test_two_recordings(benchmark, tmp_path):
 
 
 @pytest.mark.benchmark(group="whole process")
-@pytest.mark.parametrize("what", ["run", "imports"])
+@pytest.mark.parametrize("what", ["run", "imports", "81 peaks of 5c A", "states of five balloons"])
 def test_process(benchmark, what, tmp_path):
-    command = {
-        "run": ["-m", "simulator", "run", "scenarios/fig5b_state_b.toml", "--quiet", "--out", str(tmp_path)],
-        "imports": ["-c", "import numpy, sksundae, pandas"],
-    }[what]
+    words = {
+        "run": "run scenarios/fig5b_state_b.toml",
+        "81 peaks of 5c A": "unload scenarios/fig5c_state_a.toml --peaks 0.1:0.6:81",
+        "states of five balloons": "states scenarios/five_states.toml",
+    }
+    command = ["-c", "import numpy, sksundae, pandas"]
+    if what in words:
+        command = ["-m", "simulator", *words[what].split(), "--quiet", "--out", str(tmp_path)]
     benchmark.pedantic(subprocess.run, ([sys.executable, *command],), {"check": True}, rounds=7)
 
 

@@ -1,7 +1,8 @@
 """Graphs of states of random devices, held against histories: python -m tests.fuzz.states N --seed S
 
 Each device of one to five balloons gets a graph, and several histories of ramps that turn where chance says.
-A history must visit exactly the states that the graph says: the same thresholds, landings and losses.
+A history must visit exactly the states that the graph says: the same thresholds, landings and losses. And the
+graph must be the same whatever the order of the balloons.
 """
 
 from __future__ import annotations
@@ -136,6 +137,35 @@ def problems_of(document: Document, graph: StateGraph, at: list[float]) -> list[
     return out
 
 
+def problems_of_order(
+    document: Document, graph: StateGraph, high: float, along: dict[str, float] | None, rng: Rng
+) -> list[str]:
+    """What is otherwise in the graph of the same device, its balloons in another order.
+
+    Of balloons that are equal in all, which one snaps is a matter of their order: nothing is said of them.
+    """
+    films = document["balloon"]
+    bare = [{key: value for key, value in film.items() if key != "name"} for film in films]
+    if len(films) < 2 or any(one in bare[:place] for place, one in enumerate(bare)):
+        return []
+    shuffled = {**document, "balloon": [films[i] for i in rng.permutation(len(films)).tolist()]}
+    other = states(load_scenario(shuffled), high=high, along=along)
+    if len(other) != len(graph):
+        return [f"in another order {len(other)} states, not {len(graph)}"]
+    size, places = graph.high - graph.low, [other.balloons.index(name) for name in graph.balloons]
+    out: list[str] = []
+    for one, same in zip(graph.states, other.states, strict=True):
+        if max(abs(same.low - one.low), abs(same.high - one.high)) > VOLTAGE * size:
+            out.append(f"in another order state {one.number} is {same}, not {one}")
+        elif np.max(np.abs(same.stretch[0, places] / one.stretch[0] - 1.0)) > STATE:
+            out.append(f"in another order state {one.number} begins in other stretches")
+    ways = [
+        [(t.source, t.target, t.kind, t.ending, sorted(t.balloons)) for t in each.transitions]
+        for each in (graph, other)
+    ]
+    return out + ([f"in another order {ways[1]}, not {ways[0]}"] if ways[0] != ways[1] else [])
+
+
 def examine(number: int, histories: int = HISTORIES) -> Found:
     """One device: its scenario, what became of it, what is wrong, and how many histories were compared."""
     rng = np.random.default_rng(number)
@@ -163,6 +193,7 @@ def examine(number: int, histories: int = HISTORIES) -> Found:
             if found is not None:
                 compared += 1
                 problems += [f"turning at {at}: {one}" for one in found]
+        problems += problems_of_order(document, graph, high, along, rng)
     kind = f"{min(len(graph), 9)}{'+' if len(graph) > 9 else ''} states"
     return number, document, kind, problems, compared
 
