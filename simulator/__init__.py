@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from simulator.results.extras import MissingExtra
     from simulator.results.files import OutputError
     from simulator.results.fit import Estimate, Fit
+    from simulator.results.fit_ranking import Ranked, rank_fits
     from simulator.results.history import EnergyBalance, Event, History, SolverStatistics, Stop, Verdict
     from simulator.results.loading import load_curve, load_curves, load_history, load_unloading
     from simulator.results.loops import Loop, Threshold
@@ -86,6 +87,7 @@ __all__ = [
     "OutputError",
     "PathError",
     "Question",
+    "Ranked",
     "Replay",
     "Scenario",
     "ScenarioError",
@@ -120,6 +122,7 @@ __all__ = [
     "loops",
     "optimize",
     "plot_histories",
+    "rank_fits",
     "read_fit",
     "read_question",
     "read_sweep",
@@ -155,6 +158,7 @@ _NAMES = {
     "results.extras": ("MissingExtra",),
     "results.files": ("OutputError",),
     "results.fit": ("Estimate", "Fit"),
+    "results.fit_ranking": ("Ranked", "rank_fits"),
     "results.history": ("EnergyBalance", "Event", "History", "SolverStatistics", "Stop", "Verdict"),
     "results.loading": ("load_curve", "load_curves", "load_history", "load_unloading"),
     "results.plot.history": ("plot_histories",),

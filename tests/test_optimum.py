@@ -189,3 +189,21 @@ def test_the_command(tmp_path):
         "bad.toml: where.largest_field_a.beyond = 1.0: unknown key, allowed here: below, above"
         in result.stderr
     )
+
+
+def test_the_least_margin_to_breakdown_can_be_asked_for():
+    """Of a constant strength it is 1 − E/E_b of the largest field; it is recorded where it is named."""
+    scenario = pair(1.1, {"ramp": 0.2}, active={"breakdown": {"field": 5.0}}).to_dict()
+    question = {
+        "scenario": scenario,
+        "maximize": "largest_stretch_active",
+        "where": {"least_margin_active": {"above": 0.9}},
+        "vary": {"step.2.ramp": {"from": 0.1, "to": 0.5}},
+        "search": {"population": 5, "generations": 5},
+    }
+    found = optimize(question)
+    assert found.row["least_margin_active"] == pytest.approx(1.0 - found.row["largest_field_active"] / 5.0)
+    assert 0.9 <= found.row["least_margin_active"] < 0.91
+    without = pair(1.1, {"ramp": 0.2}).to_dict()
+    with pytest.raises(ScenarioError, match="no balloon of the scenario has a breakdown"):
+        read_question({**question, "scenario": without})

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from simulator.results.fit import Estimate, Fit
+    from simulator.results.fit_ranking import Ranked
 
 _STRONG = 0.9  # a correlation that is worth a line
 
@@ -25,6 +26,14 @@ def summarise_fit(fit: Fit, paths: Sequence[Path]) -> None:
     print_table(_estimates(fit))
     for label, line in _lines(fit):
         say(label, line)
+    print_files(paths)
+
+
+def summarise_ranking(ranked: Sequence[Ranked], paths: Sequence[Path]) -> None:
+    """Say which of several candidates the data speak for."""
+    print("\nranking  AICc over the best, weight")
+    for one in ranked:
+        print(f"         {one.delta:>10.2f} {one.weight:>7.3f}  {printable(one.fit.title)} ({one.fit.file})")
     print_files(paths)
 
 

@@ -118,6 +118,7 @@ class RecordTable(Frozen):
         bool | tuple[str, ...], Field(description="true, false or a list of keys of the scenario")
     ] = False
     shapes: Annotated[bool, Field(strict=True, description="true or false")] = False
+    margins: Annotated[bool, Field(strict=True, description="true or false")] = False
 
 
 class SweepFile(Frozen):
@@ -135,6 +136,6 @@ class SweepFile(Frozen):
         dict[str, PastTable] | None,
         Field(min_length=1, max_length=1, description='one key, such as "step.2.ramp" = { times = 1.001 }'),
     ] = None
-    record: Annotated[RecordTable, Field(description="a table with limit_points, sensitivities, shapes")] = (
-        RecordTable()
-    )
+    record: Annotated[
+        RecordTable, Field(description="a table with limit_points, sensitivities, shapes, margins")
+    ] = RecordTable()

@@ -191,6 +191,8 @@ def read_question(source: QuestionLike) -> Question:
         )
     if any(_is_of_shapes(name) for name in (read.maximize, read.minimize, *read.where) if name):
         data["record"] = {**data.get("record", {}), "shapes": True}
+    if any(name.startswith("least_margin_") for name in (read.maximize, read.minimize, *read.where) if name):
+        data["record"] = {**data.get("record", {}), "margins": True}
     # Intervals, as for a sample; of a sweep's own words nothing else changes.
     sweep = read_sweep({**data, "sample": {"method": "random", "size": 1}}, file=file)
     spread = [axis.key for axis in sweep.axes if axis.spread is not None]

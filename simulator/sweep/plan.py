@@ -119,11 +119,14 @@ class Recorded:
         The keys of numbers in which the first of them is differentiated.
     shapes : bool
         Whether balloons stay spheres.
+    margins : tuple of str
+        The balloons of which the least margin to breakdown is recorded.
     """
 
     limit_points: int = 2
     sensitivities: tuple[str, ...] = ()
     shapes: bool = False
+    margins: tuple[str, ...] = ()
 
 
 def as_recorded(scenario: Scenario, *, shapes: bool) -> dict[str, Any]:

@@ -111,7 +111,7 @@ def _sweep(file: str, read: SweepFile, scenario: Scenario, axes: tuple[Axis, ...
         scenario=mapping,
         axes=axes,
         past=past,
-        recorded=Recorded(read.record.limit_points, keys, read.record.shapes),
+        recorded=Recorded(read.record.limit_points, keys, read.record.shapes, _margins(read, scenario)),
         balloons=tuple(balloon.name for balloon in scenario.balloons),
         electroded=scenario.electroded,
         version=__version__,
@@ -130,6 +130,12 @@ def _sweep(file: str, read: SweepFile, scenario: Scenario, axes: tuple[Axis, ...
         definition["points"] = _digest(drawn(sample, axes).tobytes())
     title = read.title or scenario.title
     return Sweep(file=file, title=title, job=job, sample=sample, definition=definition)
+
+
+def _margins(read: SweepFile, scenario: Scenario) -> tuple[str, ...]:
+    """The balloons of which margins to breakdown are recorded."""
+    films = [balloon.name for balloon in scenario.balloons if balloon.breakdown is not None]
+    return tuple(films) if read.record.margins else ()
 
 
 def _as_sample(table: SampleTable, axes: tuple[Axis, ...]) -> Sample:
@@ -237,6 +243,8 @@ def _of_keys(scenario: Scenario, read: SweepFile, axes: tuple[Axis, ...]) -> Ite
     asked = read.record.sensitivities
     if asked and scenario.dynamics is not None:
         yield Problem("record.sensitivities", None, "not with [dynamics]: a limit point is passed late")
+    if read.record.margins and not _margins(read, scenario):
+        yield Problem("record.margins", True, "no balloon of the scenario has a breakdown")
     numbers = dict.fromkeys(physical_keys(scenario))
     for key in () if isinstance(asked, bool) else asked:
         if key not in numbers:
@@ -251,7 +259,7 @@ def _of_indices(scenario: Scenario, read: SweepFile, axes: tuple[Axis, ...]) -> 
     """Indices of columns that a sweep does not have."""
     assert read.sample is not None
     names = tuple(balloon.name for balloon in scenario.balloons)
-    recorded = Recorded(read.record.limit_points, (), read.record.shapes)
+    recorded = Recorded(read.record.limit_points, (), read.record.shapes, _margins(read, scenario))
     job = Job({}, axes, None, recorded, names, scenario.electroded, __version__)
     numbers = {name: 0.0 for name, kind in columns(job).items() if kind in ("number", "whole")}
     for name in read.sample.indices:

@@ -93,6 +93,7 @@ def columns(job: Job) -> dict[str, str]:
         **{f"largest_stretch_{name}": "number" for name in job.balloons},
         **{f"residual_stretch_{name}": "number" for name in job.balloons},
         **{f"largest_field_{name}": "number" for name in job.electroded},
+        **{f"least_margin_{name}": "number" for name in job.recorded.margins},
         **(_of_shapes(job) if job.recorded.shapes else {}),
         "loop_work": "number",
         "dissipated": "number",
@@ -193,6 +194,7 @@ def play(job: Job, index: int, values: Sequence[Value], expected: float | None =
     try:
         history = _played(job, with_values(job.scenario, written), row, expected)
         row |= facts(history, job.recorded.limit_points)
+        row |= {f"least_margin_{one.balloon}": one.margin for one in history.verdicts}
         if job.recorded.sensitivities:
             row |= _sensitivities(history, job)  # what they lack is said in `error`; the rest stands
     except ScenarioError as error:

@@ -57,7 +57,8 @@ def rows(
         If an audited run does not come out the same.
     """
     found: list[Sequence[object] | None] = [None] * len(values)
-    if len(values) >= FEWEST and not job.recorded.sensitivities:
+    one_by_one = job.recorded.sensitivities or job.recorded.margins
+    if len(values) >= FEWEST and not one_by_one:
         for stack in stacks(job, values):
             if isinstance(stack, Stack) and stack.runs.size >= FEWEST:
                 _fill(job, start, values, stack, names, found)

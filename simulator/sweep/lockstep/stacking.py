@@ -198,7 +198,9 @@ def covered(sweep: Sweep) -> bool:
         found = subject(sweep.job, sweep.values(0, 1)[0])
     except (NotCovered, ScenarioError):
         return False
-    return sweep.size >= _WORTH_IT and not sweep.job.recorded.sensitivities and known(found[0])
+    recorded = sweep.job.recorded
+    alone = recorded.sensitivities or recorded.margins
+    return sweep.size >= _WORTH_IT and not alone and known(found[0])
 
 
 def known(device: Device) -> bool:
