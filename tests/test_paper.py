@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from simulator.events import EventKind
-from tests.studies.figures import FIGURES, draw_figures
+from tests.studies.figures import FIGURES, MORE, draw_figures
 from tests.studies.figures.__main__ import main as figures
 from tests.studies.paper import paper_page, statements
 from tests.studies.paper.__main__ import main as paper
@@ -139,6 +139,7 @@ def test_commands_write_page_and_figures(tmp_path, monkeypatch, capsys):
         "tests.studies.figures.FIGURES",
         {name: FIGURES[name] for name in ("fig2", "fig4a", "fig5b", "history5b_b")},
     )
+    monkeypatch.delitem(MORE, "rates")  # twenty histories of a film, which are half a minute
     options = ["--scenarios", str(SCENARIOS), "--quiet"]
     assert figures(["--out", str(tmp_path / "figures"), *options]) == 0
     content = (tmp_path / "figures/fig4a.png").read_bytes()

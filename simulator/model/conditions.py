@@ -69,12 +69,14 @@ def stability_in_motion(equations: Equations) -> Callable[..., Number]:
 
     def margin(y: State, added: Sequence[float] = ()) -> Number:
         slopes, squares = equations.stiffness(y)
+        denominators = [wall.elastomer.pole_form(x)[1] for wall, x in zip(equations.walls, y, strict=False)]
+        walls = zip(slopes, equations.residual(y), equations.walls, y, denominators, strict=False)
         diagonal = [
-            slope - force * wall.elastomer.pole_form_slope(x)[1] / wall.elastomer.pole_form(x)[1]
-            for slope, force, wall, x in zip(slopes, equations.residual(y), equations.walls, y, strict=False)
+            slope - force * wall.elastomer.pole_form_slope(x)[1] / denominator
+            for slope, force, wall, x, denominator in walls
         ]
         for i, (more, wall) in enumerate(zip(added, equations.walls, strict=False)):
-            diagonal[i] += wall.elastomer.pole_form(y[i])[1] / wall.modulus * more
+            diagonal[i] += denominators[i] / wall.modulus * more
         return equations.spectrum.eigenvalue(diagonal, squares, 0)
 
     return margin

@@ -113,10 +113,11 @@ class Flow:
     def _residual(self, values: list[float], speeds: list[float], v: float, speed: float) -> list[float]:
         out = [0.0] * len(values)
         power = 0.0
+        denominators = [w.elastomer.pole_form(x)[1] for w, x in zip(self._walls, values, strict=False)]
         for group in self.groups:
             state = self.state(group, values, v)
             for i, force in zip(group.members, group.equations.residual(state), strict=False):
-                denominator = self._walls[i].elastomer.pole_form(values[i])[1]
+                denominator = denominators[i]
                 # Beyond the stretch limit there is nothing: IDA takes it for a step too long.
                 out[i] = (
                     force + denominator * self._slow[i] * values[i] ** self._exponent[i] * speeds[i]
@@ -125,9 +126,8 @@ class Flow:
                 )
             power += float(group.equations.drive_power(state))
         for i, _, part, own, books in self.slots:
-            wall = self._walls[i]
             share, moves, powers = part.moves(values[i], values[own], v)
-            out[i] += wall.elastomer.pole_form(values[i])[1] * share / wall.modulus
+            out[i] += denominators[i] * share / self._walls[i].modulus
             out[own] = [s - rate for s, rate in zip(speeds[own], moves, strict=True)]
             out[books] = [s - rate for s, rate in zip(speeds[books], powers, strict=True)]
         out[-2], out[-1] = speeds[-2] - power * speed, speeds[-1] - self._friction(values, speeds)

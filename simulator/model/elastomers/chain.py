@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import ClassVar
 
 import numpy as np
@@ -106,6 +106,15 @@ class ArrudaBoyce:
 
 def _finite_part(x: Number) -> tuple[Number, Number]:
     """β(1 − x) and its derivative in x, smooth also beyond the pole x = 1 of β: there they are 1 and 0."""
+    return _finite_part_of_float(x) if type(x) is float else _finite_part_of(x)
+
+
+@lru_cache(maxsize=64)  # forces, stiffnesses and denominators of one state all ask for it
+def _finite_part_of_float(x: float) -> tuple[Number, Number]:
+    return _finite_part_of(x)
+
+
+def _finite_part_of(x: Number) -> tuple[Number, Number]:
     beta = _beta(x)
     if isinstance(beta, float | complex):
         if beta.real < _SMALL:

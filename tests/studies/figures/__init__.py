@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import matplotlib as mpl
 
-from tests.studies.figures import actuation, chamber, histories, hysteresis, inflation, snap
+from tests.studies.figures import actuation, chamber, histories, hysteresis, inflation, rates, snap
 from tests.studies.figures.style import SETTINGS
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ MORE: dict[str, Callable[[Path], Figure]] = {
     "chamber": chamber.draw,
     "states": hysteresis.draw_states,
     "unload": hysteresis.draw_unloading,
+    "rates": rates.draw,
 }
 
 _DOTS_PER_INCH = 200.0
