@@ -26,6 +26,7 @@ extensions = [
     "sphinx.ext.intersphinx",
     "sphinx_copybutton",
     "sphinx_gallery.gen_gallery",
+    "sphinx-mathjax-offline",  # formulas without a network: the site can be read from disk
 ]
 templates_path = ["_templates"]
 exclude_patterns = ["_build", "_made", "figures", "gallery/scripts.md", "**/GALLERY_HEADER.rst"]
@@ -81,6 +82,8 @@ html_theme = "pydata_sphinx_theme"
 html_title = f"dielectric-balloons {release}"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_show_sourcelink = False
+html_sidebars = {page: [] for page in ("index", "faq", "contributing", "changelog")}
 html_extra_path = ["_made/files"]
 html_theme_options = {
     "navigation_with_keys": True,
