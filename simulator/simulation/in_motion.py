@@ -116,7 +116,7 @@ def closer(
     wanted : (n,) array of bool
         Which times of the passage are samples.
     clock : (m,) array
-        When the steps were, over the time that the whole scenario takes.
+        When the steps were, over the time up to the end of the step of the scenario.
     device : Device
     ranges : Ranges
         What the quantities of the run have ranged over; widened.

@@ -14,7 +14,6 @@ from simulator.model.conditions import stability_in_motion
 from simulator.model.drive import Leg, VoltageLine, Way
 from simulator.model.groups import Group
 from simulator.model.viscoelastic import AnyBranch, LinearBranch, NewtonianBranch
-from simulator.scenario import duration
 from simulator.simulation import motion
 from simulator.simulation.atlas import is_empty, loses_tension
 from simulator.simulation.chords import Ranges
@@ -61,7 +60,9 @@ class RealTime:
         charged = self.sources.charged
         self.shapes = None if scenario.shape.on_loss == "ignore" else ShapeWatch(charged=charged)
         self.ranges = None if scenario.output.on_grid else Ranges()
-        self.lasts = sum(duration(step) for step in scenario.played_steps()) or 1.0
+        self.upto = (
+            1.0  # when the step that is played ends: a run that is kept does not know what comes later
+        )
         self.no_pressure = _SLACK * scenario.gas.ambient_pressure
         record.present.own = self.material.at_rest()
         record.present.supply = self.sources.supply(record.present.voltage)
@@ -115,6 +116,7 @@ class RealTime:
         present = self.record.present
         self.watch, self.reached = watch, None
         self.held_by = present.contents
+        self.upto = start + lasts or 1.0
         fractions = sample_fractions(self.scenario.output, step, legs, lasts)
         for leg in legs:
             groups = motion.moving(
@@ -245,7 +247,7 @@ class RealTime:
             return states, clock, wanted
         passage, device = states.passage, self.record.present.device
         chord, steps = self.scenario.output.chord, clock[0] + passage.steps.time
-        places = closer(states, wanted, steps / self.lasts, device, self.ranges, chord)
+        places = closer(states, wanted, steps / self.upto, device, self.ranges, chord)
         at = np.searchsorted(passage.time, passage.steps.time[places])
         return (
             replace(states, passage=passage.with_steps(places)),
