@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tomli_w
+from scipy.optimize import curve_fit
 
 from simulator import fit, load_scenario, rank_fits
+from tests.pairs import pair
 from tests.sweeps import balloons
 
 VHB = load_scenario("scenarios/vhb_snap.toml")
@@ -78,3 +80,62 @@ def test_the_command_ranks_several_files(tmp_path):
     assert (tmp_path / "out/neo/fit.json").exists()
     assert "ranking  AICc over the best, weight" in done.output
     assert balloons("fit", files[0], files[0], "--out", tmp_path / "twice").exit_code == 2
+
+
+def treloar():
+    """Stretches and pressures of a balloon of natural rubber, from Treloar's equal-biaxial stresses.
+
+    Trans. Faraday Soc. 40 (1944), as in `scenarios/treloar_equibiaxial.csv`: nominal stresses σ over
+    0.4225 MPa. A balloon of that film has the pressure 2σ/λ².
+    """
+    rows = np.loadtxt("scenarios/treloar_equibiaxial.csv", delimiter=",", skiprows=2)
+    return rows[:, 0], 2.0 * rows[:, 1] / rows[:, 0] ** 2
+
+
+def gent(x, modulus, J):
+    return 2.0 * modulus * (x**-1 - x**-7) * J / (J - (2.0 * x**2 + x**-4 - 3.0))
+
+
+def mooney_rivlin(x, modulus, second):
+    return 2.0 * modulus * (x**-1 - x**-7) * (1.0 + second * x**2) / (1.0 + second)
+
+
+def ogden(x, modulus, second):
+    """Of two terms, the powers those of R. W. Ogden, Proc. R. Soc. Lond. A 326 (1972): 1.3 and 5."""
+    terms = [m * (x ** (a - 3.0) - x ** (-2.0 * a - 3.0)) for m, a in ((1.0, 1.3), (second, 5.0))]
+    return 4.0 * modulus * sum(terms) / (1.3 + 5.0 * second)  # 2μ = Σ μᵢαᵢ
+
+
+@pytest.mark.parametrize(
+    ("elastomer", "keys", "formula", "start"),
+    [
+        ({"model": "gent", "J_lim": 60}, ("modulus", "elastomer.J_lim"), gent, (0.9, 60.0)),
+        (
+            {"model": "mooney-rivlin", "C1": 1, "C2": 0.1},
+            ("modulus", "elastomer.C2"),
+            mooney_rivlin,
+            (0.9, 0.1),
+        ),
+        (
+            {"model": "ogden", "mu": [1, 0.01], "alpha": [1.3, 5]},
+            ("modulus", "elastomer.mu.2"),
+            ogden,
+            (0.9, 0.01),
+        ),
+    ],
+)
+def test_treloars_equal_biaxial_data_give_what_scipy_finds_in_the_formula(
+    tmp_path, elastomer, keys, formula, start
+):
+    stretch, pressure = treloar()
+    rows = "\n".join(f"{x!r},{p!r}" for x, p in zip(stretch.tolist(), pressure.tolist(), strict=True))
+    (tmp_path / "t.csv").write_text(f"lam,p\n{rows}\n", "utf-8")
+    scenario = pair(1.0, active={"elastomer": elastomer})
+    table = {"file": str(tmp_path / "t.csv"), "x": {"stretch_active": "lam"}, "y": {"pressure": "p"}}
+    free = {f"balloon.active.{key}": {"start": at} for key, at in zip(keys, start, strict=True)}
+    found = fit({"scenario": scenario, "data": [table], "free": free})
+    best, covariance = curve_fit(formula, stretch, pressure, p0=start)
+    assert [one.value for one in found.estimates] == pytest.approx(best, rel=1e-4)
+    assert [one.standard_error for one in found.estimates] == pytest.approx(
+        np.sqrt(np.diag(covariance)), rel=1e-2
+    )
