@@ -156,13 +156,52 @@ def test_a_history_that_ends_on_the_way_says_so():
     assert history.outcome.value == "loss_of_tension"
 
 
-def test_in_motion_area_and_closing_are_not_told():
-    history = run(
-        pair(1.2, {"ramp": 0.1, "over": 5}, {"ramp": 0.0, "over": 5}, dynamics={"relaxation_time": 0.1})
-    )
+SLOW = {"dynamics": {"relaxation_time": 0.05}}
+
+
+def test_in_motion_the_film_takes_what_the_source_gives():
+    wave = {"sine": {"mean": 0.15, "amplitude": 0.15, "period": 1, "cycles": 4}}
+    history = run(pair(0.9, wave, ambient=0.015, output={"points": 21}, **SLOW))
+    found = history.loops
+    assert [one.closed for one in found[1:4]] == [True] * 3  # it has forgotten how it began
+    for one in found[1:4]:
+        assert one.area == pytest.approx(one.viscous, rel=1e-6)
+        assert (one.own_area, one.dissipated) == (one.area, one.viscous)
+    # A cycle begins elsewhere on the same way round.
+    assert found[2].area == pytest.approx(history.cycles[2].total_work, rel=1e-6)
+
+
+def test_in_motion_a_ramp_and_its_way_back_have_the_work_of_the_books():
+    steps = [{"ramp": v, "over": 1} for v in (0.3, 0.0)]
+    history = run(pair(1.2, *steps, ambient=0.015, **SLOW))
     (loop,) = loops(history)
-    assert np.isnan(loop.area)
-    assert loop.closed is None
+    balance = history.energy_balance
+    assert loop.area == pytest.approx(balance.electrical_work, rel=1e-12)
+    assert 0.0 < loop.viscous < balance.dissipated  # the inflation has lost something too
+    assert loop.closed is False
+
+
+def test_each_source_has_its_own_area():
+    """Against the work over the samples, which are close together."""
+    both = {"passive": {"electrodes": True, "radius": 1.1}}
+    waves = {
+        "active": {"mean": 0.2, "amplitude": 0.2, "phase": 0.0},
+        "passive": {"mean": 0.1, "amplitude": 0.1, "phase": 0.2},
+    }
+    wave = {"sine": {"period": 1, "cycles": 2, **waves}}
+    for step in ({"ramp": {"active": 0.4, "passive": 0.2}}, wave):
+        history = run(pair(0.9, step, {"ramp": 0.0}, ambient=0.015, output={"points": 2001}, **both))
+        jumps = [event.time for event in history.events if event.kind.value == "jump"]
+        whole = [one for one in history.loops if one.start not in jumps]  # not the way of a jump by its ends
+        assert whole
+        for one in whole:
+            place = history.electroded.index(one.balloon)
+            inside = (history.time >= one.start) & (history.time <= one.end)
+            v, q = history.voltage[inside, place], history.charge[inside, place]
+            assert one.own_area == pytest.approx(np.trapezoid(v, q), abs=1e-4)
+        if "ramp" in step:
+            each = {one.balloon: one for one in history.loops}
+            assert sum(one.own_area for one in each.values()) == pytest.approx(each["active"].area, abs=1e-9)
 
 
 def test_the_command_writes_loops_beside_the_history(tmp_path):

@@ -19,6 +19,7 @@ from simulator.results.loops import Loop, Threshold, snapping
 from simulator.scenario import Charge, Hold, Inflate, Jump, Ramp, Sine, Table, Triangle
 
 if TYPE_CHECKING:
+    from simulator.results.cycles import Account
     from simulator.results.history import Event, History
     from simulator.scenario import PlayedStep
 
@@ -27,6 +28,7 @@ IntArray = NDArray[np.int64]
 
 _ROUNDING = 1e-9  # of the largest voltage of a wave
 _NOISE = 1e-2  # of that of a table
+_INSTANT = 1e-9  # two times that are one
 _SAME = 1e-8  # stretches, relatively, of states that are one
 _OFF = 1e-12  # of the peak: a voltage that is off
 _SNAPS = (EventKind.LIMIT_POINT, EventKind.BRANCH_POINT)
@@ -169,18 +171,28 @@ def _loop(
     is_open: bool,
 ) -> Loop:
     a, b, c = turns
+    at_once = history.scenario.dynamics is None
     first, middle, last_of = (
         bisect_right(events, (int(history.step[k]), float(history.time[k])), key=_when) for k in turns
     )
     up, down = events[first:middle], events[middle:last_of]
-    lost = sum(event.dissipated or 0.0 for event in (*up, *down))
+    snapped = sum(event.dissipated or 0.0 for event in (*up, *down))
+    began, ended = (_account(history, k) for k in (a, c))
+    lost = ended.dissipated - began.dissipated if began and ended and not at_once else snapped
     sizes = np.abs(history.voltage[[a, b, c], place])
     off = _OFF * float(sizes[1])
     stored = _stored(device, history, [a, c], is_open=is_open)
-    slow = history.scenario.dynamics is None
     closed = None
-    if slow and np.all(np.abs(history.voltage[c] - history.voltage[a]) <= off):
+    if np.all(np.abs(history.voltage[c] - history.voltage[a]) <= off):
         closed = bool(np.all(np.abs(history.stretch[c] / history.stretch[a] - 1.0) <= _SAME))
+        closed &= not history.inner.size or bool(np.allclose(history.inner[c], history.inner[a], _SAME, 0.0))
+    nothing = float("nan")
+    # Between snaps the sources deliver what is stored.
+    area = float(stored[1] - stored[0] + snapped) if at_once else nothing
+    own = nothing
+    if began is not None and ended is not None:
+        own = float(ended.works[place] - began.works[place])
+        area = area if at_once else ended.total - began.total
     last = c == len(history) - 1 and history.outcome is not Outcome.COMPLETED
     remains = bool(np.all(np.abs(history.voltage[c]) <= off)) and not last
     return Loop(
@@ -194,12 +206,27 @@ def _loop(
         down=_thresholds(history, place, down),
         stretch=history.stretch[c] if remains else np.full(len(history.balloons), np.nan),
         pressure=float(history.pressure[c]) if remains else float("nan"),
-        # Between snaps the sources deliver what is stored.
-        area=float(stored[1] - stored[0] + lost) if slow and not last else float("nan"),
+        area=nothing if last else area,
+        own_area=own if not last else nothing,
         dissipated=float(lost),
+        viscous=float(lost - snapped),
         closed=None if last else closed,
         ended=history.outcome.value if last else "",
     )
+
+
+def _account(history: History, row: int) -> Account | None:
+    """What had been booked by a sample; None where nobody has noted it."""
+    step, time = int(history.step[row]), float(history.time[row])
+    place = bisect_right(history.accounts, (step, time + _INSTANT * (1.0 + time)), key=_noted)
+    found = history.accounts[place - 1] if place else None
+    if found is None or found.step != step or abs(found.time - time) > _INSTANT * (1.0 + time):
+        return None
+    return found
+
+
+def _noted(account: Account) -> tuple[int, float]:
+    return account.step, account.time
 
 
 def _when(event: Event) -> tuple[int, float]:

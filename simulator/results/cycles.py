@@ -25,7 +25,7 @@ class Extremes:
     """The largest and smallest values of a history, or of a cycle, between its samples too.
 
     The states are those of the equilibrium paths and both sides of every event (of a snap not what lies
-    between them); under `[dynamics]` those of the samples and events.
+    between them); under `[dynamics]` those that the integrator passes.
 
     Attributes
     ----------
@@ -103,6 +103,32 @@ class Cycle:
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Cycle) and same(self, other)
+
+
+@dataclass(frozen=True, eq=False)
+class Account:
+    """What had been booked by a turn of the voltages, or the end of a step.
+
+    Attributes
+    ----------
+    step : int
+    time : float
+    works : (n_electroded,) array
+        ∫φ dq of the source of each so far. NaN where only the sum is known.
+    total : float
+        That of all of them.
+    dissipated : float
+        All that was lost so far, in events and in the film.
+    """
+
+    step: int
+    time: float
+    works: FloatArray
+    total: float
+    dissipated: float
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Account) and same(self, other)
 
 
 def losses(events: tuple[Event, ...], dissipated: float, *, in_real_time: bool) -> dict[str, float]:

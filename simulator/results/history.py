@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from simulator.events import SHAPE_EVENTS, EventKind, Outcome
 from simulator.results.balance import EnergyBalance, SolverStatistics
-from simulator.results.cycles import Closest, Cycle, Extremes
+from simulator.results.cycles import Account, Closest, Cycle, Extremes
 from simulator.results.equality import same
 from simulator.results.event import Event
 
@@ -125,6 +125,8 @@ class History:
         Where each film with a strength comes closest to breakdown, between samples too.
     cycles : tuple of Cycle
         What each cycle amounts to.
+    accounts : tuple of Account
+        What had been booked by the ends of steps and the turns of waves.
     """
 
     scenario: Scenario
@@ -160,6 +162,7 @@ class History:
     )
     closest: tuple[Closest, ...] = ()
     cycles: tuple[Cycle, ...] = ()
+    accounts: tuple[Account, ...] = ()
 
     def __post_init__(self) -> None:
         """Tell the events what their numbers are multiples of."""

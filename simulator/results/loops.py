@@ -56,9 +56,15 @@ class Loop:
     pressure : float
         The same.
     area : float
-        ∮Σφ dq of all sources, over 4πR²Hμ. NaN under `[dynamics]`.
+        ∮Σφ dq of all sources, over 4πR²Hμ.
+    own_area : float
+        ∮φ dq of the source of this balloon alone. NaN under `[dynamics]` with several sources, of which only
+        the sum is known, and in recordings of thousands of rows.
     dissipated : float
-        Lost in the snaps, and in the flow after jumps of the voltage.
+        All that is lost: in the snaps, in the flow after jumps of the voltage, and under `[dynamics]` in the
+        film.
+    viscous : float
+        What of that is lost in the film, between events.
     closed : bool or None
         Whether it ends in the state that it began in; None where it ends at another voltage, or where other
         voltages have changed.
@@ -77,7 +83,9 @@ class Loop:
     stretch: FloatArray
     pressure: float
     area: float
+    own_area: float
     dissipated: float
+    viscous: float
     closed: bool | None
     ended: str
 
@@ -125,7 +133,9 @@ def loop_columns(history: History, loops: Sequence[Loop]) -> Columns:
         },
         "pressure": np.array([one.pressure for one in loops]),
         "area": np.array([one.area for one in loops]),
+        "own_area": np.array([one.own_area for one in loops]),
         "dissipated": np.array([one.dissipated for one in loops]),
+        "viscous": np.array([one.viscous for one in loops]),
         "closed": np.array(
             ["" if one.closed is None else str(one.closed).lower() for one in loops], dtype=object
         ),
@@ -135,7 +145,9 @@ def loop_columns(history: History, loops: Sequence[Loop]) -> Columns:
     if scales is None:
         return columns
     radii = {balloon.name: balloon.radius for balloon in history.scenario.balloons}
-    return columns | in_si(columns, scales, radii, {"width": VOLTAGE, "area": ENERGY})
+    return columns | in_si(
+        columns, scales, radii, {"width": VOLTAGE, "area": ENERGY, "own_area": ENERGY, "viscous": ENERGY}
+    )
 
 
 def write_loops(history: History, loops: Sequence[Loop], directory: str | os.PathLike[str]) -> list[Path]:

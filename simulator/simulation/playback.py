@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -16,7 +17,8 @@ from simulator.simulation.atlas import Exit, by_time
 from simulator.simulation.books import Books
 from simulator.simulation.chords import Chords, closer
 from simulator.simulation.legs import SAME_INSTANT, PlayedLeg
-from simulator.simulation.recorder import Recorder
+from simulator.simulation.recorder import MOST_CORNERS, Recorder
+from simulator.simulation.sampling import corners_of
 from simulator.solver.branch import Branch
 
 if TYPE_CHECKING:
@@ -117,6 +119,9 @@ class Playback:
         self.since = [self.v] * len(self.groups)
         found = shapes.on_the_way(played.responses, self.waveform) if shapes is not None else []
         self.changes = deque(found)
+        corners = corners_of(played.leg)
+        few = np.unique(corners).tolist() if corners.size <= MOST_CORNERS else []
+        self.corners = deque(corner for corner in few if 0.0 < corner < 1.0)
         self.peaks = peaks.on_the_way(
             played.responses, self.waveform, lambda at: record.cycles.numbers(start + lasts * at)
         )
@@ -205,14 +210,27 @@ class Playback:
             self.record.between_samples(self.start + self.lasts * fractions, self._states_at(here, fractions))
 
     def _cycles(self, upto: float) -> None:
-        """Book up to the end of every cycle that ends before a fraction, all groups staying on branches."""
+        """Book up to the end of every cycle, and every turn of a wave, before a fraction.
+
+        All groups stay on their branches.
+        """
         leg, cycles = self.played.leg, self.record.cycles
-        while cycles.marks and cycles.marks[0] <= leg.of_step(upto) + SAME_INSTANT:
-            fraction = min(max((cycles.marks[0] - leg.start) / (leg.end - leg.start), 0.0), 1.0)
+        while True:
+            turn = corner = math.inf
+            if cycles.marks and cycles.marks[0] <= leg.of_step(upto) + SAME_INSTANT:
+                turn = min(max((cycles.marks[0] - leg.start) / (leg.end - leg.start), 0.0), 1.0)
+            if self.corners and self.corners[0] <= upto + SAME_INSTANT:
+                corner = self.corners[0]
+            fraction = min(turn, corner)
+            if math.isinf(fraction):
+                return
             self.v = float(self.waveform.at(np.array(fraction)))
             for place in range(len(self.groups)):
                 self._book(place)
-            cycles.turns(self.start + self.lasts * fraction, self.books)
+            if corner <= fraction + SAME_INSTANT:
+                self.record.account(self.start + self.lasts * self.corners.popleft(), self.books)
+            if turn <= fraction + SAME_INSTANT:
+                cycles.turns(self.start + self.lasts * fraction, self.books)
 
     def _states(self, fractions: FloatArray) -> Samples:
         """The device at some fractions, all groups staying on their branches."""

@@ -20,7 +20,8 @@ from simulator.simulation.chords import Ranges
 from simulator.simulation.in_motion import Drive, Moving, PassageStates, closer, extremes, smooth_parts
 from simulator.simulation.legs import SAME_INSTANT
 from simulator.simulation.present import Samples, Snapshot
-from simulator.simulation.sampling import sample_fractions
+from simulator.simulation.recorder import MOST_CORNERS
+from simulator.simulation.sampling import corners_of, sample_fractions
 from simulator.simulation.shape import ShapeChange, ShapeWatch
 from simulator.simulation.sources import sources_of
 from simulator.solver.ida import Effort
@@ -136,6 +137,7 @@ class RealTime:
             return
         material = self.sources.material(leg.way)
         flow = Flow(groups, material, self.scenario.shape.on_loss, self.no_pressure)
+        every = np.unique(corners_of(leg))
         for begin, end, drive in smooth_parts(waveform, lasts):
             if self._goes_slack(flow, leg.way, drive, (end - begin) * lasts):
                 self.record.event(EventKind.LOSS_OF_TENSION, present.snapshot)
@@ -157,7 +159,9 @@ class RealTime:
             self._extremes(states, clock[0])
             self._record(*self._closer(states, clock, wanted))
             turns = lasts * (self._turns(leg, begin, end) - begin)
-            self._book(states, before, own_before, turns.tolist(), start + lasts * begin)
+            inner = every[np.searchsorted(every, begin, side="right") : np.searchsorted(every, end)]
+            corners = lasts * (inner[:MOST_CORNERS] - begin)
+            self._book(states, before, own_before, turns.tolist(), corners.tolist(), start + lasts * begin)
             if passage.ended:
                 return
             unseen = self._beyond(groups, drive(times[-1])[0])
@@ -303,7 +307,8 @@ class RealTime:
         states: PassageStates,
         before: FloatArray,
         own: FloatArray,
-        marks: Sequence[float],
+        turns: Sequence[float],
+        corners: Sequence[float],
         clock: float,
     ) -> None:
         """The energies of a passage that has led from some stretches to the present ones.
@@ -313,13 +318,14 @@ class RealTime:
         states : PassageStates
         before, own : arrays
             Stretches and own unknowns of the parts where it began.
-        marks : sequence of float
-            Times of the passage at which cycles end and others begin.
+        turns, corners : sequences of float
+            Times of the passage at which cycles end and others begin, and at which the voltage turns.
         clock : float
             What time it was when it began.
         """
         flow, passage, cycles = states.flow, states.passage, self.record.cycles
         ended = passage.passed[-1].time if passage.ended else float(passage.time[-1])
+        marks = sorted({*turns, *corners})
         places = [int(np.argmin(np.abs(passage.time - mark))) for mark in marks if mark <= ended]
         time, work, since = passage.time[0], 0.0, 0
         for number, place in enumerate([*places, passage.time.size - 1]):
@@ -335,8 +341,10 @@ class RealTime:
                 last = np.array(flow.state(group, stretch.tolist(), states.drive(until)[0]))
                 self.books.works[:] += self._share(self.books.change(group.equations, first, last, done))
                 done = 0.0  # that of all groups together, booked once
-            if number < len(places):
-                cycles.turns(clock + marks[number], self.books)
+            at = clock + (marks[number] if number < len(places) else float(until))
+            self.record.account(at, self.books)
+            if number < len(places) and marks[number] in turns:
+                cycles.turns(at, self.books)
             before, own, time, since = stretch, onward, until, place
             work = float(passage.work[place])
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.events import OUTCOMES, EventKind, Outcome
-from simulator.results.cycles import Closest, Extremes
+from simulator.results.cycles import Account, Closest, Extremes
 from simulator.results.history import Event, History, SolverStatistics, Stop
 from simulator.simulation.cycles import Cycles, cycles_of
 from simulator.simulation.parts_seen import PartsSeen
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+MOST_CORNERS = 5_000  # of a leg, each with its account; long recordings have none
 
 
 @dataclass
@@ -97,6 +99,7 @@ class Recorder:
     cycles: Cycles = field(default_factory=Cycles)
     events: list[Event] = field(default_factory=list)
     stops: list[Stop] = field(default_factory=list)
+    accounts: list[Account] = field(default_factory=list)
     jumps: int = 0  # events that the device went on from
     stops_at_shape: bool = False  # whether the history ends where a balloon stops being a sphere
     material: Material | None = None  # of balloons that have parts besides their walls
@@ -147,6 +150,11 @@ class Recorder:
     def cycle(self) -> int:
         """The cycle that the device is in, 0 for none."""
         return int(self.cycles.numbers(np.array([self.present.time]))[0])
+
+    def account(self, time: float, books: Books) -> None:
+        """Note what has been booked by a time of the present step."""
+        works, total = books.works.copy(), books.electrical_work
+        self.accounts.append(Account(self.present.step, time, works, total, books.dissipated))
 
     def sample_now(self) -> None:
         """Add a sample of the present state."""
@@ -296,6 +304,7 @@ class Recorder:
             inner=np.column_stack(list(parts.columns.values())) if parts.columns else np.empty((0, 0)),
             extremes=Extremes.of(whole.stretch, whole.field),
             closest=whole.closest(device),
+            accounts=tuple(self.accounts),
             cycles=tuple(
                 cycles_of(
                     laps,

@@ -178,6 +178,7 @@ class Run:
         watch = _watch(step, present.device)
         before = watch.distances(present) if watch else []
         legs = self._change_at_once(step)
+        record.account(start, self.books)
         reached = None
         if not record.ended:
             reached = watch.passed(before, watch.distances(present)) if watch else None
@@ -185,6 +186,7 @@ class Run:
                 reached = self.kinetics.travel(step, legs, start, lasts, watch)
         if watch:
             record.stops.append(Stop(number, present.time, reached))
+        record.account(present.time, self.books)
         record.cycles.step_ends(present.time, self.books, played=reached is None and not record.ended)
         if motion.opens_valve(step):
             present.seal()

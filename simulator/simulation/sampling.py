@@ -52,7 +52,7 @@ def sample_fractions(
         corners.append(_rows(step, output))
         grid = np.empty(0) if output.rows else _grid(output, 1.0, lasts, last)
     else:
-        corners += [leg.start + (leg.end - leg.start) * _corners(leg) for leg in legs]
+        corners += [leg.start + (leg.end - leg.start) * corners_of(leg) for leg in legs]
         grid = _grid(output, periods_of(step), lasts, last)
     fixed = np.unique(np.concatenate(corners))
     fixed = np.append(fixed[fixed < last - _ONE / periods], last)
@@ -76,7 +76,7 @@ def _grid(output: Output, periods: float, lasts: float, last: float) -> FloatArr
     return np.arange(math.floor(last * intervals * (1.0 + _ONE)) + 1.0) / intervals
 
 
-def _corners(leg: Leg) -> FloatArray:
+def corners_of(leg: Leg) -> FloatArray:
     """Fractions of a leg at which a voltage turns round, or at which it begins and ends."""
     if not isinstance(leg.way, VoltageCurve):
         return leg.waveform.fractions
