@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from simulator import units
-from simulator.cli.summary import print_files, printable
+from simulator.cli.summary import print_files, printable, say
 from simulator.results.unloading import Unloading, UnloadingMap
 
 if TYPE_CHECKING:
+    from simulator.results.history import FloatArray
     from simulator.results.states import StateGraph, Transition
     from simulator.units import Scales
 
@@ -71,12 +72,16 @@ def summarise_unloading(found: Unloading | UnloadingMap, paths: Sequence[Path]) 
         words = Counter(found.outcome)
         _print_thresholds(found)
     print(f"ended    {', '.join(f'{count} {word}' for word, count in words.items())}")
+    stretches = found.remanent_stretch.reshape(-1, len(found.balloons))
+    stretches = stretches[np.isfinite(stretches).all(axis=1)]
+    if stretches.size:
+        each = zip(found.balloons, stretches.T, strict=True)
+        say("remains", "stretch of " + ", ".join(f"{name} {_range(values)}" for name, values in each))
     print(f"closed   {int(found.closed.sum())} of the loops")
     areas = found.area[found.closed & np.isfinite(found.area)]
     if areas.size:
-        print(
-            f"area     of those, {_energy(found.scales, areas.min())} to {_energy(found.scales, areas.max())}"
-        )
+        low_area, high_area = (_energy(found.scales, area) for area in (areas.min(), areas.max()))
+        print(f"area     of those, {low_area if low_area == high_area else f'{low_area} to {high_area}'}")
     if isinstance(found, Unloading) and found.path.failure:
         print(f"path     could not be followed, the picture is without it: {found.path.failure}")
     print_files(paths)
@@ -90,6 +95,12 @@ def _print_thresholds(found: Unloading) -> None:
         if at:
             more = f" … and {len(at) - SHOWN} more, in unload.csv" if len(at) > SHOWN else ""
             print(f"{word:8} at {', '.join(at[:SHOWN])}{more}")
+
+
+def _range(values: FloatArray) -> str:
+    """The smallest and the largest of some stretches, one where they are the same."""
+    low, high = f"{values.min():.6g}", f"{values.max():.6g}"
+    return low if low == high else f"{low} to {high}"
 
 
 def _energy(scales: Scales | None, value: float) -> str:
