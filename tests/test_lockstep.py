@@ -10,6 +10,7 @@ import pytest
 from simulator import load_scenario, simulate
 from simulator.scenario import ScenarioError
 from simulator.scenario.mapping import with_values
+from simulator.solver.batch.interval import POINTS, look
 from simulator.sweep import load_table, read_sweep, run_sweep, simulate_many
 from simulator.sweep.lockstep import chunk
 from simulator.sweep.lockstep.chunk import DisagreementError
@@ -254,6 +255,17 @@ def test_the_new_voltage_on_old_films_is_not_among_the_fields_of_a_jump():
     scenario = {**PAIR, "balloon": [film], "step": [{"inflate": 0.8}, {"jump": 0.7, "valve": "open"}]}
     rows = in_lockstep(sampled(scenario, {"step.2.jump": (0.6, 0.9)}))
     assert {(row["outcome"], row["largest_field_active"]) for row in rows} == {("runaway", 0.0)}
+
+
+def test_where_margins_fall_through_zero():
+    x = POINTS
+    falls, far = 0.5 - x, 1.0 + 0.0 * x
+    early, late = (1e-3 + 40.0 * (x - at) ** 4 for at in (0.25, 0.75))  # dips that nearly reach zero
+    runs = [(falls, 2.0 * falls), (falls, early), (falls, late), (far, far), (early, far), (far, falls)]
+    found = look(np.array(runs).transpose(1, 2, 0))
+    assert found.first.tolist() == [0, 0, 0, -1, -1, 1]
+    assert found.at == pytest.approx([0.5, 0.5, 0.5, np.inf, np.inf, 0.5])
+    assert found.unclear.tolist() == [False, True, False, False, True, False]
 
 
 def test_a_flow_does_not_lead_beyond_a_stretch_limit():
