@@ -288,6 +288,7 @@ def facts(history: History, limit_points: int) -> dict[str, Any]:
         "inflation_snaps": sum(e.step in inflating for e in history.snaps),
         "dissipated": history.energy_balance.dissipated,
         "energy_imbalance": history.energy_balance.relative_imbalance,
+        "exchanged": history.energy_balance.exchanged,  # no column
     }
     for i, turn in enumerate(turns[:limit_points], start=1):
         row |= {

@@ -17,7 +17,8 @@ LOCKSTEP, ALONE = "lockstep", "simulate"
 FEWEST = 12  # runs of a chunk: fewer are played faster one by one
 _VOLTAGES = 1e-11  # of limit points, relatively: how well both ways must agree
 _STATES = 1e-8  # of everything else
-_DIFFERENCES = 1e-12  # of the work done: the rounding of what is lost, a difference of energies that large
+# Of the work exchanged: how well `simulate` integrates work; the rounding of a difference of energies.
+_OF_WORK = {"loop_work": 1e-10, "dissipated": 1e-12}
 _NOT_COMPARED = ("run", "seconds", "energy_imbalance", "error", "way")
 
 Row = Mapping[str, Any]
@@ -101,7 +102,7 @@ def _fill(
 
 
 def compare(run: int, together: Row, alone: Row) -> None:
-    """Raise where a run does not come out the same both ways."""
+    """Raise where a run does not come out the same both ways; by itself it says what work was exchanged."""
     for name, here in together.items():
         if name in _NOT_COMPARED:
             continue
@@ -111,8 +112,7 @@ def compare(run: int, together: Row, alone: Row) -> None:
             there = math.nan if there is None else float(there)
             exact = name.startswith(("limit_point_", "sphericity_voltage_"))
             allowed = (_VOLTAGES if exact else _STATES) * (1.0 + abs(there))
-            if name == "dissipated":
-                allowed += _DIFFERENCES * abs(alone.get("loop_work") or 0.0)
+            allowed += _OF_WORK.get(name, 0.0) * alone.get("exchanged", 0.0)
             # The smallest margins of a run by itself are those of its samples.
             off = here - there if name.startswith("least_") else abs(there - here)
             same = (math.isnan(here) and math.isnan(there)) or off <= allowed
