@@ -8,9 +8,18 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from simulator import OutputError, ScenarioError, read_question, read_sweep, simulate_many, uncertainty
+from simulator import (
+    OutputError,
+    ScenarioError,
+    load_table,
+    read_question,
+    read_sweep,
+    simulate_many,
+    uncertainty,
+)
 from simulator.sweep.indices import indices_of
 from simulator.sweep.lockstep.stacking import Stack, stacks
+from simulator.sweep.picking import PickError, pick
 from simulator.sweep.plan import Axis, Sample, drawn
 from simulator.sweep.quantiles import QUANTILES, Probability, of_columns
 from simulator.sweep.spread import Spread
@@ -243,3 +252,39 @@ def test_three_correlations_that_exclude_one_another_are_refused():
 def test_an_optimum_is_searched_in_intervals():
     with pytest.raises(ScenarioError, match="must be an interval such as"):
         read_question({"scenario": CHEAP, "maximize": "loop_work", "vary": {AMBIENT: {"rel": 0.1}}})
+
+
+def test_a_map_of_a_probability_is_a_share_in_each_cell(tmp_path):
+    vary = {AMBIENT: {"from": 0.0, "to": 0.06}, "step.2.ramp": {"from": 0.3, "to": 0.5}}
+    swept(tmp_path, {"scenario": str(FIG3C), "sample": {"method": "sobol", "size": 256}, "vary": vary})
+    picked = pick(tmp_path, AMBIENT, "step.2.ramp", "P(behaviour=snap_returns)")
+    shares = picked.columns["P(behaviour=snap_returns)"]
+    table = load_table(tmp_path)
+    assert shares.size == 4  # √(256/40) cells each way
+    returns = table["behaviour"] == "snap_returns"
+    low = (table[AMBIENT] < 0.03) & (table["step.2.ramp"] < 0.4)
+    assert shares[0] == pytest.approx(returns[low].mean(), abs=0.02)
+    picture = balloons(
+        "map", tmp_path, "--x", AMBIENT, "--y", "step.2.ramp", "--color", "P(outcome=completed)"
+    )
+    assert picture.exit_code == 0, picture.output
+    with pytest.raises(PickError, match="must be of a column of words, seconds holds number"):
+        pick(tmp_path, AMBIENT, "step.2.ramp", "P(seconds=x)")
+
+
+def test_of_a_grid_a_probability_is_the_share_over_what_is_not_shown(tmp_path):
+    vary = {AMBIENT: [0.5, 0.6, 0.7], "step.2.ramp": [0.1, 0.2], "balloon.active.radius": [0.9, 1.0]}
+    swept(tmp_path, {"scenario": CHEAP, "vary": vary})
+    picked = pick(tmp_path, AMBIENT, "step.2.ramp", "P(behaviour=continuous)")
+    assert picked.columns["P(behaviour=continuous)"].size == 6
+    table = load_table(tmp_path)
+    expected = (table["behaviour"] == "continuous").groupby([table[AMBIENT], table["step.2.ramp"]]).mean()
+    assert picked.columns["P(behaviour=continuous)"].tolist() == pytest.approx(expected.tolist())
+
+
+def test_what_is_drawn_from_distributions_can_be_mapped(tmp_path):
+    vary = {AMBIENT: {"rel": 0.1}, "balloon.active.radius": {"rel": 0.1}}
+    swept(tmp_path, {"scenario": CHEAP, "sample": {"method": "random", "size": 8}, "vary": vary})
+    for color in ("behaviour", "largest_stretch_active", "P(behaviour=continuous)"):
+        words = ["--x", AMBIENT, "--y", "balloon.active.radius", "--color", color]
+        assert balloons("map", tmp_path, *words).exit_code == 0

@@ -97,7 +97,12 @@ def draw_map(
         typer.Option("--y", metavar="KEY", help="What goes up; without it: lines.", show_default=False),
     ] = None,
     color: Annotated[
-        str, typer.Option("--color", metavar="COLUMN", help="What is shown: categories or numbers.")
+        str,
+        typer.Option(
+            "--color",
+            metavar="COLUMN",
+            help="What is shown: categories, numbers, or a share such as P(behaviour=snap_stays).",
+        ),
     ] = "behaviour",
     panels: Annotated[
         str | None,

@@ -19,6 +19,9 @@ from simulator.sweep.measures import quantity
 from simulator.sweep.storage import read_record
 from simulator.units import DIMENSIONS, prefixed, read_si
 
+_PROBABILITY = re.compile(r"P\((\w+)=(\w+)\)")
+_IN_A_CELL, _MOST_CELLS = 40, 40  # samples in a cell on the average, and cells along an axis at most
+
 
 class PickError(ValueError):
     """A map that the sweep cannot give; the message names the option, its value and what is allowed."""
@@ -72,7 +75,9 @@ def pick(
     ----------
     directory : Path
     x, y, color, panels : str
-        Columns; on a grid all but `color` are keys that are varied. `y` and `panels` may be None.
+        Columns; on a grid all but `color` are keys that are varied. `y` and `panels` may be None. A `color`
+        such as "P(behaviour=snap_stays)" is the share of runs in which a column of words holds that word:
+        on a grid over all keys that are not shown, of samples in cells of x and y.
     at : sequence of (key, value)
         Keys of a grid that are held at one of their values.
 
@@ -85,7 +90,8 @@ def pick(
     """
     record = read_record(directory)
     kinds: dict[str, str] = record["columns"]
-    options = {"--x": x, "--y": y, "--color": color, "--panels": panels}
+    asked = _PROBABILITY.fullmatch(color)
+    options = {"--x": x, "--y": y, "--color": asked[1] if asked else color, "--panels": panels}
     wanted = {option: name for option, name in options.items() if name is not None}
     for option, name in wanted.items():
         if name not in kinds:
@@ -104,7 +110,7 @@ def pick(
             held = _value_of(key, text, grid)
             table = table[table[key] == held]
         left = [k for k, v in grid.items() if len(v) > 1 and k not in wanted.values() and k not in dict(at)]
-        if left:
+        if left and not asked:
             raise PickError(
                 f"--at: {left[0]} has {len(grid[left[0]])} values; choose one with --at {left[0]}=VALUE, "
                 f"or show all with --panels {left[0]}"
@@ -113,6 +119,15 @@ def pick(
         raise PickError(f"--at {at[0][0]}: goes with a grid, {directory} holds samples")
     vary = record["definition"]["vary"]
     columns = {name: table[name].to_numpy() for name in dict.fromkeys(wanted.values())}
+    if asked:
+        if kinds[asked[1]] != "text":
+            raise PickError(
+                f"--color {color}: must be of a column of words, {asked[1]} holds {kinds[asked[1]]}"
+            )
+        by = [name for name in (x, y, panels) if name is not None]
+        logs = [_is_log(vary.get(name)) for name in by]
+        binned = [grid is None and name != panels for name in by]
+        columns = _shares(columns, by, binned, logs, columns[asked[1]] == asked[2], color)
     units = {name: unit for name, unit in record["units"].items() if name in columns}
     for name in columns:
         dimension = quantity(name)
@@ -124,6 +139,40 @@ def pick(
     unfinished = f"{there:,} of {record['runs']:,} runs" if there < record["runs"] else ""
     log = frozenset(name for name in (x, y) if name is not None and _is_log(vary.get(name)))
     return Picked(record["title"], columns, log, units, unfinished)
+
+
+def _shares(
+    columns: Mapping[str, NDArray[Any]],
+    by: Sequence[str],
+    binned: Sequence[bool],
+    logs: Sequence[bool],
+    true: NDArray[np.bool_],
+    name: str,
+) -> dict[str, NDArray[Any]]:
+    """The share of rows in which something is true, by some columns or their cells; NaN without rows."""
+    count = int(np.clip(np.sqrt(true.size / _IN_A_CELL), 2, _MOST_CELLS))
+    kinds, codes = [], []
+    for column, cells, log in zip(by, binned, logs, strict=True):
+        values = _middles(columns[column], count, log) if cells else columns[column]
+        kind, code = np.unique(values, return_inverse=True)
+        kinds.append(kind)
+        codes.append(code.ravel())
+    shape = tuple(kind.size for kind in kinds)
+    which = np.ravel_multi_index(codes, shape)
+    runs = np.bincount(which, minlength=int(np.prod(shape)))
+    with np.errstate(invalid="ignore"):
+        share = np.bincount(which, weights=true, minlength=runs.size) / runs
+    places = np.unravel_index(np.arange(runs.size), shape)
+    return {**{n: k[place] for n, k, place in zip(by, kinds, places, strict=True)}, name: share}
+
+
+def _middles(values: NDArray[Any], count: int, log: bool) -> NDArray[np.float64]:
+    """Numbers as the middles of the equally wide cells that they lie in."""
+    place = np.log(values) if log else np.asarray(values, dtype=np.float64)
+    low, high = float(place.min()), float(place.max())
+    width = (high - low) / count or 1.0
+    middle = low + width * (np.clip(np.floor((place - low) / width), 0, count - 1) + 0.5)
+    return np.asarray(np.exp(middle) if log else middle)
 
 
 def _value_of(key: str, text: str, grid: Mapping[str, list[Any]]) -> Any:
@@ -142,7 +191,7 @@ def _value_of(key: str, text: str, grid: Mapping[str, list[Any]]) -> Any:
 def _is_log(axis: Any) -> bool:
     """Whether a key's values are spaced in the logarithm."""
     if isinstance(axis, dict):
-        return bool(axis["spacing"] == "log")
+        return bool(axis.get("spacing") == "log")  # a distribution has none
     values = [v for v in axis or [] if isinstance(v, float)]
     if len(values) < 3 or min(values) <= 0.0:
         return False

@@ -13,6 +13,7 @@ import argparse
 import csv
 import json
 import tempfile
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -62,8 +63,10 @@ class Device:
         self.scenario = scenario
         self.inflation = np.linspace(1.05, 5.0, 40)
 
-    def problem(self, folder: Path, rng: np.random.Generator, *, sigma: bool, ramp: bool) -> dict[str, Any]:
-        """A fit of one draw; with the standard deviations or without them, with the ramp alone or all."""
+    def problem(
+        self, folder: Path, rng: np.random.Generator, *, sigma: bool, parts: str = "all"
+    ) -> dict[str, Any]:
+        """A fit of one draw; with the standard deviations or without them; of the ramp, the inflation, or all."""
         noisy = self.extent + rng.normal(0.0, SIGMA, self.extent.size)
         pumped = pressure_of_gent(self.inflation) + rng.normal(0.0, PRESSURE_SIGMA, self.inflation.size)
         through: dict[str, Any] = {
@@ -82,34 +85,36 @@ class Device:
             through["sigma"], inflation["sigma"] = {"lam": SIGMA}, {"p": PRESSURE_SIGMA}
         snapped = self.snap + rng.normal(0.0, EVENT_SIGMA)
         event = {"kind": "limit_point", "voltage_active": f"{snapped!r} kV", "sigma": f"{EVENT_SIGMA} kV"}
-        data = [through] if ramp else [through, inflation, {"event": event, "step": 2}]
-        return {"scenario": self.scenario, "data": data, "free": dict(FREE)}
+        everything = [through, inflation, {"event": event, "step": 2}]
+        data = {"ramp": [through], "inflation": [inflation], "all": everything}[parts]
+        free = {key: FREE[key] for key in FREE if parts == "all" or key != "scales.permittivity"}
+        return {"scenario": self.scenario, "data": data, "free": free}
 
 
-def coverage(device: Device, draws: int, folder: Path, *, sigma: bool) -> dict[str, Any]:
+def coverage(device: Device, draws: int, folder: Path, *, sigma: bool, parts: str = "all") -> dict[str, Any]:
     """Bias over its error, spread over the standard errors, and coverage of the 95 % intervals, by key."""
-    scores: dict[str, list[float]] = {key: [] for key in TRUTH}
-    covered = dict.fromkeys(TRUTH, 0)
+    scores: dict[str, list[float]] = {}
+    covered: Counter[str] = Counter()
     failed = 0
     for seed in range(draws):
-        found = fit(device.problem(folder, np.random.default_rng([18, seed]), sigma=sigma, ramp=False))
+        found = fit(device.problem(folder, np.random.default_rng([18, seed]), sigma=sigma, parts=parts))
         failed += not found.converged
         for one in found.estimates:
-            scores[one.key].append((one.value - TRUTH[one.key]) / one.standard_error)
+            scores.setdefault(one.key, []).append((one.value - TRUTH[one.key]) / one.standard_error)
             covered[one.key] += one.low <= TRUTH[one.key] <= one.high
     return {
         "draws": draws,
         "not_converged": failed,
         "bias_over_its_error": {k: round(float(np.mean(s)) * draws**0.5, 2) for k, s in scores.items()},
         "spread_over_standard_error": {k: round(float(np.std(s)), 3) for k, s in scores.items()},
-        "coverage": {k: round(n / draws, 3) for k, n in covered.items()},
+        "coverage": {k: round(covered[k] / draws, 3) for k in scores},
     }
 
 
 def starts(device: Device, count: int, folder: Path) -> dict[str, Any]:
     """How many of so many starts, each number off by up to 30 %, lead to the best minimum; from the ramp alone."""
     keys = ("scales.shear_modulus", "scales.permittivity")
-    problem = device.problem(folder, np.random.default_rng(18), sigma=True, ramp=True)
+    problem = device.problem(folder, np.random.default_rng(18), sigma=True, parts="ramp")
     units = {"scales.shear_modulus": " kPa", "scales.permittivity": ""}
     rng = np.random.default_rng(30)
     found = []
@@ -141,6 +146,12 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
         parts: dict[str, Callable[[], dict[str, Any]]] = {
+            "inflation_sigma_given": lambda: coverage(
+                device, asked.draws, place, sigma=True, parts="inflation"
+            ),
+            "inflation_sigma_estimated": lambda: coverage(
+                device, asked.draws, place, sigma=False, parts="inflation"
+            ),
             "through_a_snap": lambda: starts(device, asked.starts, place),
             "sigma_given": lambda: coverage(device, asked.draws, place, sigma=True),
             "sigma_estimated": lambda: coverage(device, asked.draws, place, sigma=False),
