@@ -63,7 +63,7 @@ if TYPE_CHECKING:
         uncertainty,
     )
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
 
 __all__ = [
     "Curve",

@@ -44,6 +44,15 @@ class Block:
     follows: bool
 
 
+@dataclass(frozen=True)
+class Picture:
+    """A picture that a block further up draws: into which file, and which file the page shows."""
+
+    line: int
+    drawn: str
+    shown: str
+
+
 def blocks(page: str) -> list[Block]:
     """The blocks of a page in their order."""
     found: list[Block] = []
@@ -58,9 +67,10 @@ def blocks(page: str) -> list[Block]:
     return found
 
 
-def pictures(page: str) -> list[tuple[str, str]]:
-    """The pictures that blocks of a page draw: where they are drawn, and which file the page shows."""
-    return [(match["drawn"], match["shown"]) for match in _PICTURE.finditer(page)]
+def pictures(page: str) -> list[Picture]:
+    """The pictures of a page that its blocks draw."""
+    found = _PICTURE.finditer(page)
+    return [Picture(page.count("\n", 0, at.start()) + 1, at["drawn"], at["shown"]) for at in found]
 
 
 def links(page: str) -> list[str]:

@@ -19,7 +19,7 @@ from typing import Any
 import pytest
 
 import simulator
-from tests.pages.blocks import Block, agrees, blocks, commands, links, pictures
+from tests.pages.blocks import Block, Picture, agrees, blocks, commands, links, pictures
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -97,19 +97,25 @@ def check(block: Block, after: Block | None, folder: Path, names: dict[str, Any]
                 raise AssertionError(f"prints\n{printed}")
 
 
+def check_picture(picture: Picture, page: Path, folder: Path) -> None:
+    assert (folder / picture.drawn).exists(), picture.drawn
+    if KEPT:
+        shutil.copyfile(folder / picture.drawn, page.parent / picture.shown)
+
+
 def check_page(page: Path, folder: Path, names: dict[str, Any]) -> None:
     text = page.read_text("utf-8")
-    found = blocks(text)
+    found, waiting = blocks(text), pictures(text)
     for block, after in zip_longest(found, found[1:]):
+        while waiting and waiting[0].line < block.line:  # a later block may draw another one into its file
+            check_picture(waiting.pop(0), page, folder)
         if block.word != "not run":
             try:
                 check(block, after, folder, names)
             except Exception as error:
                 pytest.fail(f"{page}:{block.line}: {type(error).__name__}: {error}", pytrace=False)
-    for drawn, shown in pictures(text):
-        assert (folder / drawn).exists(), drawn
-        if KEPT:
-            shutil.copyfile(folder / drawn, page.parent / shown)
+    for picture in waiting:
+        check_picture(picture, page, folder)
 
 
 @pytest.mark.parametrize("page", [page for walk in walks() for page in walk] + BESIDE)

@@ -169,7 +169,7 @@ def plot_map(
     if painter.categories is None:
         figure.colorbar(drawn, ax=list(axes[: len(shown)]), label=words(color, units))
     # Titles are the user's words: a dollar sign in them is money, not mathematics.
-    figure.suptitle(_filled(title), parse_math=False, fontsize=12, fontweight="bold")
+    figure.suptitle(_filled(title, figure), parse_math=False, fontsize=12, fontweight="bold")
     return figure
 
 
@@ -259,9 +259,10 @@ def _draw_panel(
     return drawn
 
 
-def _filled(title: str) -> str:
-    """A title with its lines filled, each by itself."""
-    return "\n".join(fill(line, 80) for line in title.splitlines())
+def _filled(title: str, figure: Figure) -> str:
+    """A title with its lines filled, each by itself, so that none is longer than its figure is wide."""
+    letters = int(9.7 * figure.get_figwidth())  # of the bold type of titles
+    return "\n".join(fill(line, letters) for line in title.splitlines())
 
 
 def _ends(values: FloatArray, log: bool) -> FloatArray:
@@ -371,5 +372,5 @@ def plot_lines(
     ax.set_xlabel(words(x, units))
     if lines is not None:
         figure.legend(loc="outside lower center", ncols=min(len(each), 4), frameon=False, fontsize=9)
-    figure.suptitle(_filled(title), parse_math=False, fontsize=12, fontweight="bold")
+    figure.suptitle(_filled(title, figure), parse_math=False, fontsize=12, fontweight="bold")
     return figure
