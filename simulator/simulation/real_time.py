@@ -61,9 +61,8 @@ class RealTime:
         charged = self.sources.charged
         self.shapes = None if scenario.shape.on_loss == "ignore" else ShapeWatch(charged=charged)
         self.ranges = None if scenario.output.on_grid else Ranges()
-        self.upto = (
-            1.0  # when the step that is played ends: a run that is kept does not know what comes later
-        )
+        # When the step that is played ends. What comes later is not known to a run that is kept.
+        self.upto = 1.0
         self.no_pressure = _SLACK * scenario.gas.ambient_pressure
         record.present.own = self.material.at_rest()
         record.present.supply = self.sources.supply(record.present.voltage)
