@@ -191,3 +191,22 @@ def test_in_motion_slow_equal_balloons_take_no_more_steps_than_one_alone() -> No
         return simulate(load_scenario(document)).statistics.ida_steps
 
     assert steps_of(2) < 1.2 * steps_of(1)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_full_of_liquid_they_part_at_the_same_voltage_each_time(count: int) -> None:
+    """On stretches that no voltage changes, until they part; and from exactly where they parted before."""
+    wave = {"low": 0.0, "high": 0.3885, "period": 1.0, "cycles": 1.65}
+    steps: list[dict[str, Any]] = [{"inflate": 1.254}, {"ramp": 0.3591}, {"triangle": wave}]
+    steps.insert(0, {"ramp": 0.1494, "valve": "open"})
+    document = device(count, steps, ambient_pressure=21.53)
+    document["gas"]["law"] = "liquid"
+    rubber = {"model": "ogden", "mu": [2.004, 0.004088], "alpha": [2.961, 6.632]}
+    document["balloon"] = [b | {"elastomer": rubber} for b in document["balloon"]]
+    history = simulate(load_scenario(document))
+    assert history.outcome is Outcome.COMPLETED
+    partings = [e.voltage[0] for e in history.events if e.kind is EventKind.BRANCH_POINT]
+    again = [v for v in partings if v == pytest.approx(partings[0], rel=1e-13)]
+    assert len(again) == 3  # as the voltage rises for the first, the second and the third time
+    volumes = (history.stretch[history.step == 4] ** 3).sum(axis=1)
+    assert volumes == pytest.approx(np.full(volumes.size, volumes[0]), rel=1e-12)

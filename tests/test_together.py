@@ -197,14 +197,6 @@ def test_waves_by_name_in_real_time(kind):
     assert histories[2].stretch[-1] == pytest.approx(still.stretch[-1], abs=1e-4)
 
 
-def test_until_is_refused_in_real_time():
-    with pytest.raises(ScenarioError) as error:
-        load_scenario(in_time({"ramp": 0.1, "until": {"stretch": {"a": 1.2}}}))
-    assert error.value.problems == (
-        ("step.2.until", {"stretch": {"a": 1.2}}, "needs a scenario without [dynamics]"),
-    )
-
-
 def test_a_film_breaks_under_a_power_law_in_real_time():
     weak = in_time({"ramp": 0.5, "over": 10}, a={"breakdown": {**ACRYLIC, "field": 0.3}})
     history = run(weak)

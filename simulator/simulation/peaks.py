@@ -132,8 +132,8 @@ def _peaks(group: Group, branch: Branch) -> FloatArray:
     found = quantities(group)
     for number, quantity in enumerate(found):
         slopes = np.imag(quantity(stepped)) / COMPLEX_STEP
-        size = np.abs(slopes).max()
-        if not size > _NOISE * np.abs(quantity(states)).max():
+        size, values = np.abs(slopes).max(), np.asarray(quantity(states))
+        if not min(size, np.ptp(values)) > _NOISE * np.abs(values).max():
             continue
         sure = np.flatnonzero(np.abs(slopes) > _NOISE * size)
         changes = np.flatnonzero(slopes[sure[1:]] * slopes[sure[:-1]] < 0.0)

@@ -24,6 +24,7 @@ from simulator.solver.segment import (
     GAUSS_POINTS,
     SHORT,
     STRAIGHT,
+    ULPS,
     Cubics,
     Segment,
     between,
@@ -289,13 +290,18 @@ class Branch:
     def _on_curve(self, place: NDArray[np.int64], v: FloatArray) -> FloatArray:
         """The states at v, each in its interval, (n_unknowns, n)."""
         states = self.interpolated(place, v)
-        chords = (self.states[:, place + 1] - self.states[:, place]) / self.equations.scales[:, None]
+        left, right = self.states[:, place], self.states[:, place + 1]
         # The points of chords that short are on the curve to rounding; Newton's method would not find them.
-        far = np.einsum("ij,ij->j", chords, chords) > STRAIGHT**2
+        far = np.linalg.norm((right - left) / self.equations.scales[:, None], axis=0) > STRAIGHT
+        # Nor would it at the ends, where the path turns, or others cross it.
+        for end in (left, right):
+            beside = np.abs(v - end[-1]) <= ULPS * np.maximum(np.abs(v), self.equations.scales[-1])
+            states[:-1, beside] = end[:-1, beside]
+            far &= ~beside
         if far.any():
-            ends = self.states[:, place[far]], self.states[:, place[far] + 1]
-            states[:, far] = at_drive_between(self.equations, states[:, far], *ends)
-            self.check_between(place[far], states[:, far])
+            found = at_drive_between(self.equations, states[:, far], left[:, far], right[:, far])
+            self.check_between(place[far], found)
+            states[:, far] = found
         return states
 
     def _solved_one(self, v: float) -> FloatArray:
