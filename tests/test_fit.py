@@ -269,3 +269,18 @@ def test_a_search_that_did_not_converge_says_so_and_writes_what_it_has(tmp_path,
     assert done.exit_code == 3
     assert "not converged: too many calls" in done.output
     assert json.loads((tmp_path / "fit.json").read_text("utf-8"))["converged"] is False
+
+
+def test_a_recorded_voltage_is_followed_row_by_row(tmp_path):
+    """Its corners are corners of the stretch in time: straight between rows, not smoothed over."""
+    times = np.linspace(0.0, 10.0, 400)
+    voltage = 0.15 * np.abs(np.sin(3.0 * times)) + 0.05 * times / 10.0
+    drive = written(tmp_path / "drive.csv", {"time": times, "voltage": voltage})
+    scenario = pair(1.1, {"table": drive}, output={"rows": True})
+    history = simulate(scenario)
+    rows = np.flatnonzero(history.step == 2)[5::23]
+    data = {"t": history.time[rows], "lam": history["stretch_active"][rows]}
+    table = {"file": written(tmp_path / "lam.csv", data), "x": {"time": "t"}, "y": {"stretch_active": "lam"}}
+    free = {"balloon.active.permittivity": {"start": 1.3, "low": 0.5, "high": 2}}
+    found = fit({"scenario": scenario, "data": [{**table, "sigma": {"lam": 1e-3}, "step": 2}], "free": free})
+    assert found.estimates[0].value == pytest.approx(1.0, abs=1e-7)

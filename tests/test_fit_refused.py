@@ -163,6 +163,14 @@ def test_a_free_number_that_changes_nothing_is_refused(tmp_path):
         fit(asked)
 
 
+def test_a_later_step_changes_nothing(tmp_path):
+    asked = problem(
+        tmp_path, free={J: {"start": 100}, "step.2.ramp": {"start": 0.3, "low": 0.1, "high": 0.5}}
+    )
+    with pytest.raises(ScenarioError, match=r'free."step\.2\.ramp": changes nothing that was measured'):
+        fit(asked)
+
+
 def test_what_was_measured_must_move_in_its_step(tmp_path):
     text = "time,p\n0.1,1\n0.2,1.2\n0.3,1.3\n"
     free = {J: {"start": 100}}

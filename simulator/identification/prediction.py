@@ -55,9 +55,10 @@ class Model:
 
     def __post_init__(self) -> None:
         scenario = self.problem.scenario
-        changed: dict[str, object] = {
-            "output": Output(points=max(_SAMPLES, scenario.output.points), chord=1.0)
-        }
+        # Of a table, between whose rows the drive is straight, all rows are samples.
+        rows = [step.times.size for step in scenario.played_steps() if isinstance(step, Table)]
+        points = max(_SAMPLES, scenario.output.points, *rows)
+        changed: dict[str, object] = {"output": Output(points=points, chord=1.0)}
         stops = any(
             until.event == "loss_of_sphericity"
             for step in scenario.played_steps()
@@ -67,7 +68,9 @@ class Model:
             changed["shape"] = Shape(on_loss="ignore")
         last = [one.step for one in self.problem.measured]
         if None not in last and not any(isinstance(step, Cycle) for step in scenario.steps):
-            changed["steps"] = scenario.steps[: max(number for number in last if number is not None)]
+            free = [one.key.split(".")[1] for one in self.problem.free if one.key.startswith("step.")]
+            needed = [number for number in last if number is not None]
+            changed["steps"] = scenario.steps[: max(*needed, *map(int, free), 1)]
         self.scenario = scenario.model_copy(update=changed)
 
     def device(self, values: Mapping[str, float]) -> Scenario:
