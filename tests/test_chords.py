@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from simulator import load_scenario, simulate, trace
+from simulator.results.curve import farthest_shown
 from simulator.scenario import ScenarioError
 from simulator.scenario.settings import CHORD
 from simulator.simulation.chords import needed
@@ -79,6 +80,24 @@ def test_chords_of_a_path_are_on_the_curve_of_the_closed_form(radius):
     )
     assert worst < CHORD
     assert seen > 0.9 * np.count_nonzero(some)
+
+
+def test_a_path_of_few_steps_has_points_between_them():
+    """A soft pair, whose path the solver follows in steps that would be seen."""
+    curve = trace("tests/cases/trace-soft.toml")
+    marked = [float(point.voltage[0]) for point in curve.points[:-1]]
+    far = farthest_shown(curve.voltage[:, 0], curve.stretch[:, 0], marked, curve.end.kind)
+    seen = curve.voltage[:, 0] <= far
+    shown = (curve.voltage, curve.stretch, curve.pressure, curve.field, curve.charge)
+    rows = np.column_stack([values[seen] for values in shown])
+    rows = rows[:, np.ptp(rows, axis=0) > 0.0]
+    steps = np.diff(rows / np.ptp(rows, axis=0), axis=0)
+    length = np.linalg.norm(steps, axis=1)
+    ahead = steps[length > 1e-6] / length[length > 1e-6, None]
+    turn = np.linalg.norm(np.diff(ahead, axis=0), axis=1)
+    # Chord times turn over eight is how far a circle is from its chord.
+    assert np.max(0.5 * (length[length > 1e-6][1:] + length[length > 1e-6][:-1]) * turn / 8.0) < CHORD
+    assert np.all(np.diff(curve.arclength) > 0.0)
 
 
 def test_a_noisy_recording_has_chords_on_the_curve(tmp_path):
