@@ -171,14 +171,11 @@ def _loop(
     is_open: bool,
 ) -> Loop:
     a, b, c = turns
-    at_once = history.scenario.dynamics is None
     first, middle, last_of = (
         bisect_right(events, (int(history.step[k]), float(history.time[k])), key=_when) for k in turns
     )
     up, down = events[first:middle], events[middle:last_of]
     snapped = sum(event.dissipated or 0.0 for event in (*up, *down))
-    began, ended = (_account(history, k) for k in (a, c))
-    lost = ended.dissipated - began.dissipated if began and ended and not at_once else snapped
     sizes = np.abs(history.voltage[[a, b, c], place])
     off = _OFF * float(sizes[1])
     stored = _stored(device, history, [a, c], is_open=is_open)
@@ -188,11 +185,12 @@ def _loop(
         closed &= not history.inner.size or bool(np.allclose(history.inner[c], history.inner[a], _SAME, 0.0))
     nothing = float("nan")
     # Between snaps the sources deliver what is stored.
-    area = float(stored[1] - stored[0] + snapped) if at_once else nothing
-    own = nothing
+    area, own, lost = float(stored[1] - stored[0] + snapped), nothing, snapped
+    began, ended = (_account(history, k) for k in (a, c))
     if began is not None and ended is not None:
         own = float(ended.works[place] - began.works[place])
-        area = area if at_once else ended.total - began.total
+    if history.scenario.dynamics is not None:
+        area, lost = _in_motion(began, ended)
     last = c == len(history) - 1 and history.outcome is not Outcome.COMPLETED
     remains = bool(np.all(np.abs(history.voltage[c]) <= off)) and not last
     return Loop(
@@ -205,7 +203,7 @@ def _loop(
         up=_thresholds(history, place, up),
         down=_thresholds(history, place, down),
         stretch=history.stretch[c] if remains else np.full(len(history.balloons), np.nan),
-        pressure=float(history.pressure[c]) if remains else float("nan"),
+        pressure=float(history.pressure[c]) if remains else nothing,
         area=nothing if last else area,
         own_area=own if not last else nothing,
         dissipated=float(lost),
@@ -213,6 +211,13 @@ def _loop(
         closed=None if last else closed,
         ended=history.outcome.value if last else "",
     )
+
+
+def _in_motion(began: Account | None, ended: Account | None) -> tuple[float, float]:
+    """The work of all sources and what was lost from one account to another; NaN without both."""
+    if began is None or ended is None:
+        return float("nan"), float("nan")
+    return ended.total - began.total, ended.dissipated - began.dissipated
 
 
 def _account(history: History, row: int) -> Account | None:
