@@ -28,6 +28,7 @@ from simulator.simulation.atlas import Response
 from simulator.simulation.parts import parts_of
 from simulator.solver import newton
 from simulator.solver.branch import Branch
+from simulator.solver.segment import STRAIGHT
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -142,8 +143,14 @@ def _peaks(group: Group, branch: Branch) -> FloatArray:
     turns = branch.at(_off(group, states))
     if places:
         ends = np.array(places).T
-        chosen = [found[number] for number in which]
-        polished = _polished(branch.equations, chosen, states[:, ends], ahead[:, ends])
+        polished = states[:, ends[0]]
+        chords = (states[:, ends[1]] - polished) / branch.equations.scales[:, None]
+        # Between states so close nothing differs by more than rounding.
+        far = np.flatnonzero(np.einsum("ij,ij->j", chords, chords) > STRAIGHT**2)
+        if far.size:
+            chosen = [found[which[k]] for k in far.tolist()]
+            ends = ends[:, far]
+            polished[:, far] = _polished(branch.equations, chosen, states[:, ends], ahead[:, ends])
         turns = np.concatenate([polished, turns], axis=1)
     return turns[:, np.unique(turns[-1], return_index=True)[1]]
 
