@@ -227,10 +227,6 @@ def test_what_does_not_go_with_dynamics():
     written = pair(1.0, {"charge": 0.1}).to_dict() | {"dynamics": {"relaxation_time": 1.0}}
     with pytest.raises(ScenarioError, match=r"step.2.charge = 0.1: does not go with \[dynamics\]"):
         load_scenario(written)
-    written = pair(1.0, UP).to_dict() | {"dynamics": {"relaxation_time": 1.0}}
-    written["gas"]["law"] = "liquid"
-    with pytest.raises(ScenarioError, match=r'gas.law = "liquid": must be "isothermal" or "adiabatic" with'):
-        load_scenario(written)
 
 
 def test_a_chamber_of_gas_is_felt():

@@ -121,8 +121,6 @@ def _of_balloons(scenario: Parts, names: Sequence[str]) -> Iterator[Problem]:
 def _of_dynamics(scenario: Parts, names: Sequence[str]) -> Iterator[Problem]:
     if scenario.dynamics is None:
         return
-    if scenario.gas.law == "liquid":
-        yield Problem("gas.law", "liquid", 'must be "isothermal" or "adiabatic" with [dynamics]')
     time, viscosity = scenario.dynamics.relaxation_time, scenario.dynamics.viscosity
     if time is None and viscosity is None:
         allowed = "must be a number > 0, or a table with one for every balloon by name; or give viscosity"

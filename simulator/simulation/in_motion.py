@@ -58,8 +58,8 @@ class PassageStates:
         v = self._drives(times)
         group = self.flow.groups[0]
         pressure = [
-            float(group.equations.pressure(self.flow.state(group, x.tolist(), at)))
-            for x, at in zip(stretch, v.tolist(), strict=True)
+            float(group.equations.pressure(self.flow.state(group, values, at)))
+            for values, at in zip(np.hstack([stretch, own]).tolist(), v.tolist(), strict=True)
         ]
         given = self.way.at(v)
         voltage, supply = self.sources.voltage(given, stretch, own), self.sources.supply(given)

@@ -25,6 +25,7 @@ from simulator.simulation.sampling import corners_of, sample_fractions
 from simulator.simulation.shape import ShapeChange, ShapeWatch
 from simulator.simulation.sources import sources_of
 from simulator.solver.ida import Effort
+from simulator.solver.liquid_pressure import holds_liquid
 from simulator.solver.margins import added_to_shape
 from simulator.solver.passage import Friction, Material, Passage
 from simulator.solver.viscous import Flow
@@ -63,7 +64,8 @@ class RealTime:
         self.ranges = None if scenario.output.on_grid else Ranges()
         # When the step that is played ends. What comes later is not known to a run that is kept.
         self.upto = 1.0
-        self.no_pressure = _SLACK * scenario.gas.ambient_pressure
+        ambient = 1.0 if scenario.gas.law == "liquid" else scenario.gas.ambient_pressure
+        self.no_pressure = _SLACK * ambient
         record.present.own = self.material.at_rest()
         record.present.supply = self.sources.supply(record.present.voltage)
         record.material = self.material if self.material.slots else None
@@ -89,9 +91,14 @@ class RealTime:
         before = VoltageLine.still(present.given_voltage.tolist())
         still = VoltageLine.still(target.tolist())
         held = self._stable(before, self.held_by)
-        self.sources.change(present, self.books, target)
-        self.record.sample_now()
         groups = motion.all_balloons(self.sources.device, still, present.pressure, present.contents)
+        pressure = self._pressure(self._flow(groups, still), 0.0)
+        if pressure < -self.no_pressure < present.pressure:  # of a liquid, before anything has moved
+            self.record.event(EventKind.LOSS_OF_TENSION, present.snapshot)
+            return True
+        self.sources.change(present, self.books, target)
+        present.pressure = pressure
+        self.record.sample_now()
         if not self._ends_at_once(groups, 0.0) and held and not self._stable(still, present.contents):
             self.record.event(EventKind.LIMIT_POINT, present.snapshot, present.snapshot, 0.0)
         self.held_by = present.contents
@@ -132,10 +139,10 @@ class RealTime:
     def _leg(self, groups: list[Group], leg: Leg, fractions: FloatArray, start: float, lasts: float) -> None:
         """Let the balloons flow through a leg, with samples at those of the fractions that lie in it."""
         present, waveform = self.record.present, leg.waveform
+        flow = self._flow(groups, leg.way)
+        present.pressure = self._pressure(flow, float(waveform.values[0]))
         if self._ends_at_once(groups, float(waveform.values[0])):
             return
-        material = self.sources.material(leg.way)
-        flow = Flow(groups, material, self.scenario.shape.on_loss, self.no_pressure)
         every = np.unique(corners_of(leg))
         for begin, end, drive in smooth_parts(waveform, lasts):
             if self._goes_slack(flow, leg.way, drive, (end - begin) * lasts):
@@ -168,6 +175,18 @@ class RealTime:
                 raise ArithmeticError(f"{unseen} was passed unseen")
         present.time = start + lasts
 
+    def _flow(self, groups: Sequence[Group], way: Way) -> Flow:
+        """The flow of all balloons along a way of the sources."""
+        material = self.sources.material(way)
+        return Flow(groups, material, self.scenario.shape.on_loss, self.no_pressure)
+
+    def _pressure(self, flow: Flow, v: float) -> float:
+        """The present pressure; that of a liquid follows what moves the balloons at once."""
+        present = self.record.present
+        if not holds_liquid(flow.groups[0]):
+            return present.pressure
+        return flow.state(flow.groups[0], flow.unknowns(present.stretch, present.own), v)[-2]
+
     def _stopping(self, moving: Moving, soon: float) -> Stopping | None:
         """What ends the step early in a passage that is about to begin; None where it has no `until`."""
         if self.watch is None:
@@ -185,6 +204,8 @@ class RealTime:
         empty = [g for g in flow.groups if is_empty(g.equations, present.unknowns(g, v))]
         if not empty:
             return False
+        if holds_liquid(flow.groups[0]):
+            return self._pressure(flow, ahead) < -self.no_pressure
         swelling, fastest = flow.swelling(present.stretch, present.own, v)
         if fastest * lasts > _AT_REST:
             return swelling > 0.0
@@ -336,8 +357,8 @@ class RealTime:
             done = float(passage.work[place]) - work
             until = passage.time[place]
             for group in flow.groups:
-                first = np.array(flow.state(group, before.tolist(), states.drive(time)[0]))
-                last = np.array(flow.state(group, stretch.tolist(), states.drive(until)[0]))
+                first = np.array(flow.state(group, flow.unknowns(before, own), states.drive(time)[0]))
+                last = np.array(flow.state(group, flow.unknowns(stretch, onward), states.drive(until)[0]))
                 self.books.works[:] += self._share(self.books.change(group.equations, first, last, done))
                 done = 0.0  # that of all groups together, booked once
             at = clock + (marks[number] if number < len(places) else float(until))

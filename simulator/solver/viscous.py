@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from simulator.model.groups import Group
 from simulator.solver.ida import Course, Effort, IntegrationError, System, integrate
+from simulator.solver.liquid_pressure import holds_liquid, liquid_pressure, liquid_slopes
 from simulator.solver.margins import Shapes, Stopping, watched
 from simulator.solver.passage import Material, Passage, Passed, Slot, Steps
 
@@ -60,12 +61,17 @@ class Flow:
         self._own = slice(self.count, self.count + material.at_rest().size)
         self.slots = [_moved(slot, self.count, self._own.stop) for slot in material.slots]
 
-    def state(self, group: Group, stretch: Sequence[float], v: float) -> list[float]:
-        """The unknowns of a group's equations, the pressure from the gas law."""
-        own = [stretch[i] for i in group.members]
+    def state(self, group: Group, values: Sequence[float], v: float) -> list[float]:
+        """The unknowns of a group's equations, the pressure from the gas law.
+
+        `values` begin as all unknowns do; the pressure of a liquid follows from those of the parts too.
+        """
+        stretch = [values[i] for i in group.members]
+        if holds_liquid(group):
+            return [*stretch, liquid_pressure(self, group, values, v), v]
         if group.equations.has_pressure:
-            return [*own, group.equations.gas_pressure(own, v), v]
-        return [*own, v]
+            return [*stretch, group.equations.gas_pressure(stretch, v), v]
+        return [*stretch, v]
 
     def own(self, values: Sequence[float]) -> Sequence[float]:
         """The unknowns of the parts, of all unknowns."""
@@ -141,7 +147,12 @@ class Flow:
             state = self.state(group, values, v)
             _, rows = group.equations.linearised(state)
             count = len(group.members)
-            if group.equations.has_pressure:
+            if holds_liquid(group):
+                slopes = liquid_slopes(self, group, values, state, rows)
+                for i, row in zip(group.members, rows[:count], strict=True):
+                    out[i] = [row[count] * slope for slope in slopes]
+                rows = [row[:count] for row in rows[:count]]
+            elif group.equations.has_pressure:
                 gas = [entry / rows[count][count] for entry in rows[count][:count]]
                 rows = [
                     [entry - row[count] * g for entry, g in zip(row, gas, strict=False)]
@@ -149,7 +160,7 @@ class Flow:
                 ]
             for i, row in zip(group.members, rows, strict=False):
                 for j, entry in zip(group.members, row, strict=False):
-                    out[i][j] = entry
+                    out[i][j] += entry
                 law, x, n = self._walls[i].elastomer, values[i], self._exponent[i]
                 denominator = law.pole_form(x)[1]
                 out[i][i] += (
@@ -173,7 +184,8 @@ class Flow:
         denominator = wall.elastomer.pole_form(x)[1] / wall.modulus
         fall = wall.elastomer.pole_form_slope(x)[1] / wall.modulus
         out[i][i] += fall * share + denominator * slopes.share_per_stretch
-        out[i][own] = [denominator * slope for slope in slopes.share_per_own]
+        for k, slope in zip(range(own.start, own.stop), slopes.share_per_own, strict=True):
+            out[i][k] += denominator * slope
         for place, k in enumerate(range(own.start, own.stop)):
             out[k][i] = -slopes.rates_per_stretch[place]
             out[k][k] = cj - slopes.rates_per_own[place]

@@ -23,7 +23,7 @@ def scales(rng: Rng) -> Document:
     }
 
 
-def gas(rng: Rng, wild: bool, dynamic: bool) -> Document:
+def gas(rng: Rng, wild: bool) -> Document:
     if chance(rng, 0.25):
         ambient = 0.0
     else:
@@ -32,7 +32,7 @@ def gas(rng: Rng, wild: bool, dynamic: bool) -> Document:
     if chance(rng, 0.3):
         gas["chamber"] = rounded(rng, log_uniform(rng, 1e-3, 300.0 if wild else 10.0))
     law = rng.choice(["", "isothermal", "adiabatic", "liquid"], p=[0.5, 0.1, 0.22, 0.18])
-    if law and not (law == "liquid" and dynamic):
+    if law:
         gas["law"] = str(law)
     if law == "adiabatic" and chance(rng, 0.5):
         gas["exponent"] = rounded(rng, rng.uniform(1.05, 1.67))

@@ -41,7 +41,7 @@ def scenario(rng: Rng, folder: Path) -> Document:
     scales = devices.scales(rng) if chance(rng, 0.15) else None
     if scales:
         document["scales"] = scales
-    document["gas"] = devices.gas(rng, wild, dynamic)
+    document["gas"] = devices.gas(rng, wild)
     document["balloon"] = balloons = devices.balloons(rng, wild, folder)
     pace = rounded(rng, log_uniform(rng, 1e-6, 1e6) if wild else log_uniform(rng, 0.1, 30.0))
     document["step"] = Course(rng, balloons, document["gas"], pace, dynamic, folder).steps()

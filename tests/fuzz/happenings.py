@@ -238,7 +238,7 @@ class _Seen:
         speed = motion.rates(0.0, np.concatenate([stretch, [0.0]]), drive)[:-1]
         released = event.kind == "jump" and float(np.max(np.abs(speed))) < _REST
         if event.kind == "limit_point" or released:
-            diagonal, coupling = motion.slopes(0.0, stretch.tolist(), voltage, drive)
+            diagonal, coupling = motion.slopes(0.0, np.concatenate([stretch, [0.0]]), voltage, drive)
             values, vectors = np.linalg.eig(np.diag(diagonal) + coupling)
             order = np.argsort(np.real(values))
             if len(values) > 1 and abs(values[order[1]]) < 1e-4 * abs(values[order[-1]]) + 1e-9:

@@ -52,7 +52,7 @@ class Outcome:
 def scenario(rng: Rng, folder: Path) -> Document:
     """A random scenario of the grammar, at rest and without units."""
     wild = chance(rng, 0.2)
-    gas = devices.gas(rng, wild, False)
+    gas = devices.gas(rng, wild)
     balloons = devices.balloons(rng, wild, folder)
     steps = Course(rng, balloons, gas, 1.0, False, folder).steps()
     return {"title": "drawn", "gas": gas, "balloon": balloons, "step": steps, "output": {"points": 5}}

@@ -62,7 +62,7 @@ def device(rng: Rng, folder: Path) -> tuple[Document, float]:
     films = balloons(rng, False, folder)[:5]
     films[0]["electrodes"] = True
     pressure = rounded(rng, log_uniform(rng, 0.2, 3.0))
-    document = {"title": "states", "gas": gas(rng, False, False), "balloon": films}
+    document = {"title": "states", "gas": gas(rng, False), "balloon": films}
     return {**document, "step": [{"inflate": pressure}]}, rounded(rng, log_uniform(rng, 0.1, 1.5))
 
 

@@ -64,6 +64,8 @@ class Drive:
         Step that an integrator may take.
     taut : bool
         Whether the pressure is watched.
+    liquid : bool
+        Whether a liquid keeps its volume, in the place of a gas.
     """
 
     lasts: float
@@ -72,6 +74,7 @@ class Drive:
     gas_pressure: Callable[[float], tuple[float, float]] | None
     longest: float
     taut: bool = True
+    liquid: bool = False
 
 
 @dataclass(frozen=True)
@@ -146,11 +149,27 @@ class Motion:
         cubes = (film.radius**3 * x**3 / 3.0 for film, x in zip(self.films, stretch, strict=True))
         return self.chamber + math.fsum(cubes)
 
-    def pressure(self, time: float, stretch: Sequence[float], drive: Drive) -> float:
+    def pressure(self, time: float, y: FloatArray, drive: Drive) -> float:
         if drive.pressure is not None:
             return drive.pressure(time)
+        if drive.liquid:
+            # How fast the volume grows at two pressures; that at which it does not is on the line.
+            none, one = (self._growth(time, y, drive, pressure) for pressure in (0.0, 1.0))
+            return none / (none - one)
         assert drive.gas_pressure is not None
-        return drive.gas_pressure(self.volume(stretch))[0]
+        return drive.gas_pressure(self.volume(y[: self.count].tolist()))[0]
+
+    def _growth(self, time: float, y: FloatArray, drive: Drive, pressure: float) -> float:
+        balance = self.balance(y, pressure, self.voltages(time, y, drive))
+        terms = zip(self.films, balance, y[: self.count].tolist(), strict=True)
+        return -math.fsum(f.radius**3 * x * x * g / (f.relaxation * x**f.exponent) for f, g, x in terms)
+
+    def balance(self, y: FloatArray, pressure: float, voltage: FloatArray) -> list[float]:
+        """gᵢ with the shares of the springs."""
+        found = self.forces(y[: self.count].tolist(), pressure, voltage)
+        for i, spring, places in self.springs:
+            found[i] += spring.share(float(y[i]), y[places].tolist())
+        return found
 
     def forces(self, stretch: Sequence[float], pressure: float, voltage: FloatArray) -> list[float]:
         """gᵢ of the equilibrium part."""
@@ -169,13 +188,10 @@ class Motion:
         if np.any(inner[: len(inner) - len(self.behind)] <= 0.0):
             return np.full(y.size, np.nan)
         out = np.zeros(y.size)
-        balance = self.forces(
-            stretch.tolist(), self.pressure(time, stretch.tolist(), drive), self.voltages(time, y, drive)
-        )
+        balance = self.balance(y, self.pressure(time, y, drive), self.voltages(time, y, drive))
         heat = 0.0
         for i, spring, places in self.springs:
             x, own = float(stretch[i]), y[places].tolist()
-            balance[i] += spring.share(x, own)
             out[places] = spring.rates(x, own)
             heat += self.films[i].radius ** 2 * self.films[i].thickness * spring.heat(x, own)
         for i, film in enumerate(self.films):
@@ -199,7 +215,7 @@ class Motion:
         stretch = y[:count]
         voltage = drive.voltages(time)
         out = np.zeros((y.size, y.size))
-        diagonal, coupling = self.slopes(time, stretch.tolist(), voltage, drive)
+        diagonal, coupling = self.slopes(time, y, voltage, drive)
         out[:count, :count] = coupling
         out[np.arange(count), np.arange(count)] += diagonal
         for i, spring, places in self.springs:
@@ -217,10 +233,10 @@ class Motion:
         return out
 
     def slopes(
-        self, time: float, stretch: Sequence[float], voltage: FloatArray, drive: Drive
+        self, time: float, y: FloatArray, voltage: FloatArray, drive: Drive
     ) -> tuple[FloatArray, FloatArray]:
         """∂gᵢ/∂λᵢ at given pressure, and the share of the shared gas, −(rᵢ/hᵢ) λᵢ² dp/dV r_j³ λ_j²."""
-        pressure = self.pressure(time, stretch, drive)
+        stretch, pressure = y[: self.count].tolist(), self.pressure(time, y, drive)
         diagonal = np.array(
             [
                 film.modulus * film.wall.slope(x)
@@ -229,7 +245,7 @@ class Motion:
                 for film, x, v in zip(self.films, stretch, voltage, strict=True)
             ]
         )
-        if drive.gas_pressure is None:
+        if drive.gas_pressure is None or drive.liquid:
             return diagonal, np.zeros((self.count, self.count))
         slope = drive.gas_pressure(self.volume(stretch))[1]
         area = np.array([film.radius**3 * x * x for film, x in zip(self.films, stretch, strict=True)])
@@ -243,13 +259,20 @@ class Motion:
         that of the potential's.
         """
         stretch = y[: self.count].tolist()
-        diagonal, coupling = self.slopes(time, stretch, self.voltages(time, y, drive), drive)
+        diagonal, coupling = self.slopes(time, y, self.voltages(time, y, drive), drive)
         for i, spring, places in self.springs:
             diagonal[i] += spring.stiffness(stretch[i], y[places].tolist())
         if drive.gas_pressure is None:
             return [float(d) for d in diagonal]
         root = np.sqrt([film.radius**2 * film.thickness for film in self.films])
         hessian = np.diag(diagonal) + coupling * root[:, None] / root[None, :]
+        if drive.liquid:
+            # Of the directions that keep the volume; one balloon has none.
+            area = np.array([f.radius**3 * x * x for f, x in zip(self.films, stretch, strict=True)]) / root
+            ways = np.linalg.svd(area[None])[2][1:]
+            hessian = ways @ hessian @ ways.T
+            if not hessian.size:
+                return [np.inf]
         return [float(np.linalg.eigvalsh((hessian + hessian.T) / 2.0)[0])]
 
     def margins(self, time: float, y: FloatArray, drive: Drive) -> list[tuple[str, int, float]]:
@@ -257,7 +280,7 @@ class Motion:
         stretch = y[: self.count].tolist()
         out = [("limit_point", i, m) for i, m in enumerate(self.stability(time, y, drive))]
         if drive.gas_pressure is not None and drive.taut:
-            out.append(("loss_of_tension", 0, self.pressure(time, stretch, drive)))
+            out.append(("loss_of_tension", 0, self.pressure(time, y, drive)))
         voltage = self.voltages(time, y, drive)
         for i, (film, x) in enumerate(zip(self.films, stretch, strict=True)):
             if film.strength is not None:
@@ -346,8 +369,8 @@ def _solver(motion: Motion, drive: Drive, t0: float, y0: FloatArray, end: float,
     def jacobian(t: float, y: FloatArray) -> FloatArray:
         return motion.jacobian(t, y, drive)
 
-    # With voltages of their own the slopes are by differences.
-    slopes = None if motion.behind else jacobian
+    # With voltages of their own, or on a liquid, the slopes are by differences.
+    slopes = None if motion.behind or drive.liquid else jacobian
     kind: Any = {"LSODA": LSODA, "BDF": BDF, "Radau": Radau}[method]
     # The heat of a small motion is small: it is only told, and nothing depends on it.
     atol = np.array([*[_ATOL] * (y0.size - 1), 1e-12])

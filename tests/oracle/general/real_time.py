@@ -8,6 +8,7 @@ where the two differ by more than 1e-6 the reference is undecided.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -95,6 +96,7 @@ class _Player:
         self.gamma = scenario.gas.exponent if scenario.gas.law == "adiabatic" else 1.0
         self.state = self.motion.at_rest()
         self.voltage = np.zeros(len(self.names))
+        self.held = self.voltage
         self.pressure, self.clock, self.step = 0.0, 0.0, 0
         self.stable, self.ended, self.is_open = True, False, False
         self.outcome = "completed"
@@ -153,8 +155,9 @@ class _Player:
                 if hasattr(step, "inflate"):
                     pressure = partial(_ramped, first=first, last=step.inflate, lasts=lasts)
             gas = None if self.is_open else self._gas_pressure
-            drive = Drive(part.lasts, part.voltages, pressure, gas, part.longest)
-            self.voltage = part.voltages(0.0)
+            liquid = self.scenario.gas.law == "liquid" and not self.is_open
+            drive = Drive(part.lasts, part.voltages, pressure, gas, part.longest, liquid=liquid)
+            self.held, self.voltage = self.voltage, part.voltages(0.0)
             self._move(drive, start, part)
             if self.ended:
                 return
@@ -165,11 +168,11 @@ class _Player:
     def _move(self, drive: Drive, start: float, part: Part) -> None:
         """One part of the drive: what is beyond its limit already, and then the flow."""
         self.clock = start + part.begin
-        self.pressure = self.motion.pressure(0.0, self.state[: self.motion.count].tolist(), drive)
+        self.pressure = self.motion.pressure(0.0, self.state, drive)
         taut = self._check(drive)
         if self.ended or part.lasts == 0.0:
             return
-        drive = Drive(drive.lasts, drive.voltages, drive.pressure, drive.gas_pressure, drive.longest, taut)
+        drive = replace(drive, taut=taut)
         times = self._times(start + part.begin, part.lasts)
         leg = follow(self.motion, drive, self.state, times, self.method)
         self.sampled += [y[: self.motion.count] for y in leg.states]
@@ -178,8 +181,7 @@ class _Player:
             self.state = crossing.state
             self.clock = start + part.begin + crossing.time
             self.voltage = part.voltages(crossing.time)
-            stretch = self.state[: self.motion.count].tolist()
-            self.pressure = self.motion.pressure(crossing.time, stretch, drive)
+            self.pressure = self.motion.pressure(crossing.time, self.state, drive)
             self._note(crossing.kind, crossing.place)
         if leg.ended:
             return
@@ -187,13 +189,18 @@ class _Player:
         self.state = leg.state
         self.clock = start + part.begin + part.lasts
         self.voltage = part.voltages(part.lasts)
-        self.pressure = self.motion.pressure(part.lasts, self.state[: self.motion.count].tolist(), drive)
+        self.pressure = self.motion.pressure(part.lasts, self.state, drive)
         self.stable = min(self.motion.stability(part.lasts, self.state, drive)) >= 0.0
 
     def _check(self, drive: Drive) -> bool:
         """Note margins that are negative before anything moves; return whether to watch the tension."""
         taut = True
-        slack = drive.gas_pressure is not None and abs(self.pressure) <= _NO_PRESSURE * self.ambient
+        if drive.liquid and self.pressure < -_NO_PRESSURE:
+            self.voltage = self.held
+            self._note("loss_of_tension", 0)  # with the state before a jump: nothing has moved
+            return taut
+        ambient = max(self.ambient, 1.0 if drive.liquid else 0.0)
+        slack = drive.gas_pressure is not None and abs(self.pressure) <= _NO_PRESSURE * ambient
         if slack and drive.lasts > 0.0:  # a jump takes no time, in which nothing grows
             taut = self._check_slack(drive)
             if self.ended:
