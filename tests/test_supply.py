@@ -263,3 +263,28 @@ def test_equal_films_stay_alike_though_one_has_a_strength() -> None:
     films[0]["breakdown"] = {"field": 100.0}
     history = run(load_scenario({**written, "balloon": films, "step": [{"inflate": 1.0}, {"ramp": 0.3}]}))
     assert np.array_equal(history.stretch[:, 0], history.stretch[:, 1])
+
+
+def test_a_film_of_any_size_is_charged_against_either_sign() -> None:
+    """c = r²e/h, and a current limit holds for both directions."""
+    supply = {"resistance": 2.0, "current_limit": 0.1}
+    film = {"radius": 1.3, "thickness": 0.7, "permittivity": 1.9}
+    history = run(clamped({"jump": -0.5}, {"hold": 20.0}, supply=supply, **film))
+    capacitance = 1.3**2 * 1.9 / 0.7
+    turn = capacitance * (0.5 - 0.2) / 0.1
+    t = history.time[2:]
+    exact = np.where(t < turn, -0.1 * t / capacitance, -0.5 + 0.2 * np.exp(-(t - turn) / (2.0 * capacitance)))
+    assert history.voltage[2:, 0] == pytest.approx(exact, abs=1e-8)
+
+
+def test_a_film_of_any_size_moves_as_under_its_voltage() -> None:
+    """At rest behind a resistance it is where the voltage alone holds it; the books close on the way."""
+    film = {"radius": 1.3, "thickness": 0.7, "permittivity": 1.9, "modulus": 1.4}
+    steps: dict[str, Any] = {
+        "step": [{"inflate": 1.0}, {"ramp": 0.3, "over": 1.0}, {"hold": 30.0}],
+        "dynamics": {"relaxation_time": 0.05},
+    }
+    behind = run(load_scenario(made(active=film, supply={"resistance": 0.01}, **steps)))
+    given = run(load_scenario(made(active=film, supply=None, **steps)))
+    assert behind.stretch[-1] == pytest.approx(given.stretch[-1], abs=1e-7)
+    assert behind.energy_balance.relative_imbalance < 1e-8

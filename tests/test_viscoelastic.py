@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from scipy.linalg import expm
 from simulator import EventKind, ScenarioError, explain, load_history, load_scenario, simulate
 from simulator.cli.summary_material import material_lines
 from simulator.model.viscoelastic import LinearBranch, NewtonianBranch
+from simulator.solver.passage import Material
 from tests.oracle.general.real_time import play_real_time
 from tests.pairs import run
 
@@ -302,3 +304,47 @@ def test_a_snap_comes_late_and_is_told_when_it_comes() -> None:
     assert history.at(snap.time + 10.0)["stretch_active"] > 6.5
     assert history.stretch[-1, 0] > 6.0
     assert history.energy_balance.relative_imbalance < 1e-8
+
+
+@pytest.mark.parametrize("kind", [LinearBranch, NewtonianBranch])
+def test_a_branch_resists_shear_in_the_surface_as_its_energy_says(kind: type) -> None:
+    """(w₁₁ − w₁₂ + w₁/λ)/2 of w = (k/2)[aλ₁² + aλ₂² + b/(λ₁λ₂)²]; of an inner stretch ξ a = ξ⁻², b = ξ⁴."""
+    branch, stretch = kind(0.7, 2.0, 1.0), 1.6
+    own = [0.6, 2.5] if kind is LinearBranch else [1.2]
+    a, b = own if kind is LinearBranch else (own[0] ** -2, own[0] ** 4)
+
+    def energy(x: float, y: float) -> float:
+        return 0.35 * (a * x**2 + a * y**2 + b / (x * y) ** 2)
+
+    h, at = 1e-4, stretch
+    first = (energy(at + h, at) - energy(at - h, at)) / (2.0 * h)
+    second = (energy(at + h, at) - 2.0 * energy(at, at) + energy(at - h, at)) / h**2
+    mixed = sum(i * j * energy(at + i * h, at + j * h) for i in (1, -1) for j in (1, -1)) / (4.0 * h**2)
+    found = branch.shear_stiffness(stretch, own)
+    assert found == pytest.approx((second - mixed + first / at) / 2.0, rel=1e-6)
+    material = Material.alike(1)
+    material = replace(material, parts=((branch, branch),))
+    assert material.roundness("shear", 0, stretch, own * 2) == pytest.approx(2.0 * found)
+    assert material.roundness("pear", 0, stretch, own * 2) == pytest.approx(
+        2.0 * branch.sphericity(stretch, own)
+    )
+
+
+def test_columns_and_events_see_the_same_film() -> None:
+    """At a limit point `stability` is zero, at a lost sphere `sphericity`, both with the branches."""
+    steps = {"inflate": 1.0, "over": 5.0}, {"ramp": 0.8, "over": 10.0, "valve": "open"}
+    document = balloon(*steps, tau=1e-3, maxwell=THREE, radius=1.2, thickness=0.8).to_dict()
+    history = simulate(load_scenario({**document, "shape": {"on_loss": "record"}}))
+    kinds = {event.kind: event for event in history.events}
+    for kind, column in (("limit_point", "stability"), ("loss_of_sphericity", "sphericity_one")):
+        event = kinds[EventKind(kind)]
+        assert history.at(event.time)[column] == pytest.approx(0.0, abs=1e-5), kind
+
+
+def test_the_energy_is_that_of_the_branches_too() -> None:
+    """Sealed and left alone, what the potential loses is what the books say was lost."""
+    film: dict[str, Any] = {"tau": 0.1, "maxwell": THREE, "radius": 1.2, "thickness": 0.8}
+    short, long = (run(balloon({"inflate": 1.0}, {"hold": lasts}, **film)) for lasts in (0.5, 3.0))
+    lost = long.energy_balance.dissipated - short.energy_balance.dissipated
+    assert lost > 1e-5
+    assert short.energy[-1] - long.energy[-1] == pytest.approx(lost, rel=1e-6)

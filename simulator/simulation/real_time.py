@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -13,12 +13,12 @@ from simulator.events import SHAPE_EVENTS, EventKind
 from simulator.model.conditions import stability_in_motion
 from simulator.model.drive import Leg, VoltageLine, Way
 from simulator.model.groups import Group
-from simulator.model.viscoelastic import AnyBranch, LinearBranch, NewtonianBranch
 from simulator.simulation import motion
 from simulator.simulation.atlas import is_empty, loses_tension
 from simulator.simulation.chords import Ranges
 from simulator.simulation.in_motion import Drive, Moving, PassageStates, closer, extremes, smooth_parts
 from simulator.simulation.legs import SAME_INSTANT
+from simulator.simulation.material import material_of
 from simulator.simulation.present import Samples, Snapshot
 from simulator.simulation.recorder import MOST_CORNERS
 from simulator.simulation.sampling import corners_of, sample_fractions
@@ -27,13 +27,13 @@ from simulator.simulation.sources import sources_of
 from simulator.solver.ida import Effort
 from simulator.solver.liquid_pressure import holds_liquid
 from simulator.solver.margins import added_to_shape
-from simulator.solver.passage import Friction, Material, Passage
+from simulator.solver.passage import Passage
 from simulator.solver.viscous import Flow
 
 if TYPE_CHECKING:
     from simulator.model.conditions import ShapeCondition
     from simulator.model.contents import Contents
-    from simulator.scenario import Balloon, PlayedStep, Scenario
+    from simulator.scenario import PlayedStep, Scenario
     from simulator.simulation.books import Books
     from simulator.simulation.recorder import Recorder
     from simulator.simulation.until import Watch
@@ -385,21 +385,3 @@ class RealTime:
         if self.sources.charged:
             return 0.0
         return work if len(self.books.electroded) == 1 else np.nan
-
-
-def material_of(scenario: Scenario) -> Material:
-    """How a scenario's balloons take their time."""
-    dynamics = scenario.dynamics
-    assert dynamics is not None
-    return Material(
-        tuple(Friction(*dynamics.friction_of(balloon.name)) for balloon in scenario.balloons),
-        tuple(tuple(_branches(balloon)) for balloon in scenario.balloons),
-    )
-
-
-def _branches(balloon: Balloon) -> Iterator[AnyBranch]:
-    """The viscoelastic branches of a balloon."""
-    weight = balloon.radius**2 * balloon.thickness
-    for branch in balloon.branches:
-        kind = LinearBranch if branch.flow == "linear" else NewtonianBranch
-        yield kind(branch.modulus, branch.time, weight)
