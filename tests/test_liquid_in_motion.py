@@ -128,8 +128,9 @@ def test_the_pressure_of_a_liquid_follows_a_jump_at_once() -> None:
     assert history.pressure[before] - history.pressure[after] == pytest.approx(fall, rel=1e-9)
 
 
-def test_sealed_without_pressure_tension_is_lost_where_a_voltage_rises() -> None:
+@pytest.mark.parametrize("supply", [{}, {"supply": {"resistance": 1.0}}])
+def test_sealed_without_pressure_tension_is_lost_where_a_voltage_rises(supply: Any) -> None:
     steps: list[dict[str, Any]] = [{"inflate": 0.0}, {"hold": 1.0}, {"ramp": 0.1, "over": 1.0}]
-    history = played(steps, {"relaxation_time": 0.1}, A, B)
+    history = played(steps, {"relaxation_time": 0.1}, A, B, **supply)
     assert history.outcome is Outcome.LOSS_OF_TENSION
     assert history.time[-1] == pytest.approx(2.0, abs=1e-9)

@@ -204,9 +204,10 @@ class RealTime:
         empty = [g for g in flow.groups if is_empty(g.equations, present.unknowns(g, v))]
         if not empty:
             return False
-        if holds_liquid(flow.groups[0]):
-            return self._pressure(flow, ahead) < -self.no_pressure
         swelling, fastest = flow.swelling(present.stretch, present.own, v)
+        if holds_liquid(flow.groups[0]):
+            gains = self.sources.charged and fastest * lasts <= _AT_REST and np.any(way.at(ahead))
+            return bool(gains) or self._pressure(flow, ahead) < -self.no_pressure
         if fastest * lasts > _AT_REST:
             return swelling > 0.0
         if self.sources.charged:  # films without a charge, which any voltage of a source gives one
