@@ -284,3 +284,12 @@ def test_a_recorded_voltage_is_followed_row_by_row(tmp_path):
     free = {"balloon.active.permittivity": {"start": 1.3, "low": 0.5, "high": 2}}
     found = fit({"scenario": scenario, "data": [{**table, "sigma": {"lam": 1e-3}, "step": 2}], "free": free})
     assert found.estimates[0].value == pytest.approx(1.0, abs=1e-7)
+
+
+def test_a_search_leaves_the_bound_that_it_starts_from(tmp_path):
+    _, _, file = inflation(tmp_path)
+    expected = fit(inflated(file, FREE))[KEY].value
+    for bounds in ({"start": 50, "low": 50}, {"start": 50, "low": 50, "high": 400}):
+        found = fit(inflated(file, {**FREE, KEY: bounds}))
+        assert found.converged
+        assert found[KEY].value == pytest.approx(expected, rel=1e-4)

@@ -27,6 +27,7 @@ FloatArray = NDArray[np.float64]
 
 _STEP = 1e-4  # of a number, for derivatives: the error of central differences is about its square
 _ROUGH_STEP = 1e-5  # of a number, for derivatives from one side, which are as good as that
+_OFF_BOUND = 1e-4  # of the width between the bounds
 _TRIED = 0.01  # by which a number is changed to see whether it changes anything
 _NOTHING = 1e-9  # of the size of the values: a smaller change is none
 _MOST_ROUNDS, _SETTLED = 12, 1e-4  # of estimating standard deviations; a relative change of them that is none
@@ -212,7 +213,7 @@ def _minimised(lmfit: Any, residuals: Residuals, start: Sequence[float]) -> Sear
     problem = residuals.problem
     parameters = lmfit.Parameters()
     for i, (one, value) in enumerate(zip(problem.free, start, strict=True)):
-        parameters.add(f"p{i}", value=value, min=one.low, max=one.high)
+        parameters.add(f"p{i}", value=_inside(one, value), min=one.low, max=one.high)
     calls = _MOST_CALLS * (len(problem.free) + 1)
     linear = problem.search.loss == "linear"
     options: dict[str, Any] = {"Dfun": residuals.jacobian, "ftol": _TOLERANCE, "xtol": _TOLERANCE}
@@ -223,6 +224,12 @@ def _minimised(lmfit: Any, residuals: Residuals, start: Sequence[float]) -> Sear
         warnings.simplefilter("ignore")  # of uncertainties that cannot be given; the result says so
         result = minimizer.minimize(method="leastsq" if linear else "least_squares")
     return Searched(minimizer, result, float((np.asarray(result.residual) ** 2).sum()))
+
+
+def _inside(free: FreeNumber, value: float) -> float:
+    """A value off its bounds: at a bound itself lmfit's variables have no slope, and a search would stay."""
+    width = free.high - free.low if free.is_bounded else max(abs(value), 1.0)
+    return min(max(value, free.low + _OFF_BOUND * width), free.high - _OFF_BOUND * width)
 
 
 def starting_points(problem: FitProblem) -> list[tuple[float, ...]]:
