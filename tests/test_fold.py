@@ -9,6 +9,8 @@ import pytest
 from simulator.analysis.fold import fold
 from simulator.analysis.trace import trace
 from simulator.scenario import ScenarioError, load_scenario
+from simulator.solver.follow import PathError
+from simulator.solver.ida import IntegrationError
 from tests.closed_form import Pair, force
 from tests.pairs import pair
 
@@ -144,3 +146,12 @@ def test_command(tmp_path):
     assert "9 not reached: loss of tension" in balloons("--vary", "gas.ambient_pressure", "--to", "9").output
     wrong = balloons("--vary", "gas.weight", "--to", "1")
     assert wrong.exit_code == 2
+
+
+def test_a_curve_that_cannot_be_integrated_is_no_plausible_one(monkeypatch):
+    def fails(*_: object) -> None:
+        raise IntegrationError("IDA: no step is small enough", np.zeros(1))
+
+    monkeypatch.setattr("simulator.solver.arclength.along", fails)
+    with pytest.raises(PathError, match=r"^gas.ambient_pressure from 0.015 to 0.2: IDA: no step is"):
+        fold(FIG3C, "gas.ambient_pressure", 0.2)

@@ -36,7 +36,7 @@ from simulator.results.curve import Curve, FoldCurve, SpecialPoint
 from simulator.scenario import Problem, ScenarioError, dimension_of, dimensionless, load_scenario
 from simulator.solver import arclength, newton
 from simulator.solver.follow import PathError
-from simulator.solver.ida import Effort
+from simulator.solver.ida import Effort, IntegrationError
 from simulator.solver.newton import NotConverged
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ def fold(
     try:
         states, end = _followed(problem, start, to, effort)
         states, end = _as_inflated(problem, states, end)
-    except NotConverged as failure:
+    except (NotConverged, IntegrationError) as failure:
         raise PathError(f"{vary} from {varied.value:g} to {to:g}: {failure}") from failure
     found = [problem.reading(states[:, i]) for i in range(states.shape[1])]
     stretch = np.array([reading[0] for reading in found])
