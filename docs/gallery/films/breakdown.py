@@ -2,8 +2,9 @@
 Does the film break before it lands?
 ====================================
 
-The field rises with the square of the stretch, so the danger is in the snap and not on the way to it. An
-acrylic film gets stronger as it is stretched, and a thinner one is stronger, too.
+At a given voltage the true field rises with the square of the stretch. So the film is in danger during the
+snap, and not on the way to it. An acrylic film gets stronger when it is stretched, and a thinner film is
+stronger, too.
 """
 
 import matplotlib.pyplot as plt

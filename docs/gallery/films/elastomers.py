@@ -2,8 +2,8 @@
 How much does the elastomer matter?
 ===================================
 
-Up to a stretch of two nearly nothing, if the modulus is the same. Beyond, it decides whether there is a
-second stable state at all.
+Here are the inflation curves of five elastomers with the same shear modulus. Up to a stretch of two they
+hardly differ. At larger stretches the elastomer decides whether there is a second stable state at all.
 """
 
 import matplotlib.pyplot as plt

@@ -2,8 +2,8 @@
 Which film is this?
 ===================
 
-An inflation curve, a ramp through a snap, and the voltage of the snap. The fit says which film they are of,
-and how sure that is.
+We have measured an inflation curve, a voltage ramp through a snap, and the voltage of the snap. The fit finds
+the numbers of the film, and how well the data determine them.
 """
 
 import matplotlib.pyplot as plt
@@ -15,7 +15,7 @@ for one in found.estimates:
     print(f"{one.key:28} {one.value:8.4g} ± {one.standard_error:.2g} {one.unit}")
 
 # %%
-# The ramp, with the model on both sides of the snap. Nothing is interpolated across it.
+# This is the ramp, with the fitted model before and after the snap. The model is not interpolated across it.
 
 ramp = next(column for column in found.columns if column.label == "vhb_ramp.csv")
 figure, (axes, below) = plt.subplots(2, 1, sharex=True, height_ratios=(3, 1), layout="constrained")

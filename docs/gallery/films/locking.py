@@ -2,8 +2,9 @@
 How early must the rubber lock for nothing to snap?
 ===================================================
 
-The limit point of the inflation is followed while the rubber locks earlier and earlier. It ends in a cusp:
-beyond that the pressure only rises.
+Rubber locks when its chains are fully stretched. We lower ``J_lim``, so that the rubber locks at smaller and
+smaller stretches, and follow the peak and the valley of the inflation curve. They meet in a cusp. If the
+rubber locks even earlier, the pressure only rises.
 """
 
 import matplotlib.pyplot as plt
@@ -21,4 +22,4 @@ axes.legend()
 plt.show()
 
 # %%
-# Between the two lines there are three stretches for one pressure. Left of the cusp there is one.
+# Between the two lines there are three stretches for each pressure. Left of the cusp there is only one.

@@ -2,8 +2,8 @@
 Is it still a sphere?
 =====================
 
-A real balloon turns into a pear where its tension no longer rises with its stretch. The margin is a column
-of every history and every path. Below zero the sphere gives way.
+A real balloon turns into a pear where its tension no longer rises with its stretch. Every history and every
+path has a column with the margin ``s``. Where it is negative, the balloon does not stay a sphere.
 """
 
 import matplotlib.pyplot as plt
@@ -22,5 +22,5 @@ axes.legend()
 plt.show()
 
 # %%
-# The small balloon on the large one is a sphere wherever it can be at rest. The other one is a pear between
-# 1.58 and 5.04.
+# The small balloon on the large one is a sphere in all of its stable states. For the equal balloons the
+# margin is negative between the stretches 1.58 and 5.04: there the active balloon would turn into a pear.

@@ -2,8 +2,9 @@
 Which number should I measure best?
 ===================================
 
-Ask how much the voltage of the snap moves when a number of the device is one percent larger. These are
-derivatives of the equations, not differences of two runs.
+Measure the number best to which the result is most sensitive. This picture shows by how many percent the
+voltage of the snap changes if a number of the device is one percent larger. The sensitivities are derivatives
+of the equations, not differences of two runs.
 """
 
 import matplotlib.pyplot as plt

@@ -2,8 +2,8 @@
 Gas or liquid?
 ==============
 
-What one balloon takes up the other has to give, if a liquid is sealed in. A gas under ever higher outside
-pressure comes to the same.
+If a liquid is sealed in, its volume is constant: one balloon can only take up what the other gives. A gas
+behaves more and more like a liquid if the outside pressure is higher.
 """
 
 import matplotlib.pyplot as plt

@@ -2,8 +2,9 @@
 How large must the reservoir be?
 ================================
 
-A balloon alone can hardly move: its gas has nowhere to come from. On a large chamber it snaps, and on a
-very large one it stays open when the voltage is gone. Keplinger and others (2012) built that.
+A sealed balloon without a chamber can hardly grow, because no gas can flow into it. On a large chamber it
+snaps. On a very large one it stays large after the voltage is switched off. Keplinger and others (2012) built
+such a device.
 """
 
 import matplotlib.pyplot as plt
@@ -24,5 +25,5 @@ axes.legend()
 plt.show()
 
 # %%
-# Dotted is unstable. The balloon itself holds 1/3 in these units, so a chamber of 1000 is three thousand
-# balloons.
+# Dotted lines are unstable states. In these units the unstretched balloon has the volume 1/3, so a chamber of
+# 1000 has the volume of three thousand balloons.

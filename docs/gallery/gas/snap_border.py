@@ -2,7 +2,7 @@
 How does the snap move with the outside pressure?
 =================================================
 
-You could run it for many pressures. It is quicker to follow the limit point itself.
+You could play the scenario for many outside pressures. It is quicker to follow the limit point itself.
 """
 
 import matplotlib.pyplot as plt
@@ -20,5 +20,5 @@ axes.set(xlabel="outside pressure", ylabel="voltage of the limit point")
 plt.show()
 
 # %%
-# Each point of a line solves the equations to rounding. There is no grid, and nothing was played. A line
-# ends where its limit point has no pressure left: beyond, the film goes slack before anything snaps.
+# Each point of a line is a limit point, to rounding. No history was played for it. A line ends where the
+# excess pressure at the limit point is zero. Beyond that end the film goes slack before the balloon snaps.

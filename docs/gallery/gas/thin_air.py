@@ -2,8 +2,8 @@
 Does thin air help?
 ===================
 
-The gas is sealed. Under a high outside pressure it is stiff, and one balloon can only grow if the other
-shrinks. In thin air it is soft, and there is more to gain.
+The gas is sealed. Under a high outside pressure it is hard to compress or expand, so one balloon can only
+grow if the other shrinks. In thin air the gas expands easily, and the balloon grows more.
 """
 
 import matplotlib.pyplot as plt

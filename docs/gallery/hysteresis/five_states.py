@@ -2,7 +2,8 @@
 How many states can one voltage write?
 ======================================
 
-Five unequal balloons with electrodes, one gas, one voltage that goes up and down. Each arrow is a snap.
+Five unequal balloons with electrodes share one gas. One voltage, the same on all of them, goes up and down.
+In the picture each arrow is a snap from one state to another.
 """
 
 import matplotlib.pyplot as plt
@@ -15,5 +16,6 @@ graph.plot(ax=axes)
 plt.show()
 
 # %%
-# Eleven. Up to 0.6 and back to zero leads through these, and not back to state 0:
+# There are eleven states. A voltage that goes up to 0.6 and back to zero leads through the following ones.
+# It does not lead back to state 0.
 print([step.target for step in graph.visits([0.6, 0.0])])

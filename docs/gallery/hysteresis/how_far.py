@@ -2,7 +2,7 @@
 How far may the voltage go, if the balloon is to come back?
 ===========================================================
 
-Go up to each of many voltages, and back to zero. What remains?
+We raise the voltage to each of many peaks, lower it to zero again, and look at the stretch that remains.
 """
 
 import matplotlib.pyplot as plt
@@ -18,5 +18,5 @@ axes.legend()
 plt.show()
 
 # %%
-# The first device stays large once it has snapped, at 0.139. It does not matter how far you went beyond.
-# The other one snaps at 0.496, and comes back all the same.
+# The first device snaps at 0.139 and then stays large, however far the voltage went beyond. The other device
+# snaps at 0.496, and still comes back when the voltage is off.

@@ -2,8 +2,8 @@
 What does one cycle cost?
 =========================
 
-In a picture of charge over voltage the work of the source is the area of the loop. All of it is lost in the
-two snaps.
+If you plot the charge over the voltage, the area of the loop is the work of the source. All of it is lost in
+the two snaps.
 """
 
 import matplotlib.pyplot as plt
@@ -20,5 +20,5 @@ axes.set(xlabel="voltage Φ√(ε/μ)/H", ylabel="charge Q/(4πR²√(εμ))", t
 plt.show()
 
 # %%
-# The area is an integral along the loop. The losses are differences of energy across the snaps. They agree.
+# The area is an integral along the loop. The losses are differences of energy across the snaps. Both agree.
 print(f"area {loop.area:.9f}, lost in snaps {loop.dissipated:.9f}")

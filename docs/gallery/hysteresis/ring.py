@@ -2,8 +2,8 @@
 Can three balloons pump?
 ========================
 
-Three balloons in a ring, each driven by the same sine, a third of a period apart. The inflation goes round,
-by snaps.
+Three balloons share one gas. Each is driven by the same sine, a third of a period after the one before. The
+balloons snap in turn, so the gas goes round.
 """
 
 import matplotlib.pyplot as plt

@@ -2,8 +2,8 @@
 How sure is a snap?
 ===================
 
-The modulus of a film is known to 3 %, its permittivity to 2 %. Two thousand runs in lockstep say where the
-balloon snaps, with a band for those that have snapped and one for those that have not.
+The modulus of a film is known to 3 %, its permittivity to 2 %. Two thousand runs, computed together, show
+where the balloon snaps. There is one band for the runs that have snapped and one for those that have not.
 """
 
 import matplotlib.pyplot as plt

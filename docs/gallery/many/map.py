@@ -2,7 +2,8 @@
 Which inflation, in which air?
 ==============================
 
-Two numbers, forty values of each, sixteen hundred histories. They are played together, in a second or two.
+We vary the inflation and the outside pressure, with forty values of each. The sixteen hundred histories are
+computed together, in a second or two.
 """
 
 import matplotlib.pyplot as plt

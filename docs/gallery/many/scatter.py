@@ -2,8 +2,8 @@
 How much will my snap voltages scatter?
 =======================================
 
-No two films have the same thickness and modulus. Draw five hundred devices with a scatter of two percent in
-each number, and play them all.
+No two films have exactly the same thickness and modulus. We draw five hundred devices, with a scatter of two
+percent in each number, and play the scenario for all of them.
 """
 
 import matplotlib.pyplot as plt
@@ -37,5 +37,5 @@ axes.set(xlabel="voltage of the snap [kV]", ylabel="devices")
 plt.show()
 
 # %%
-# Two percent become ten, because the balloon sits close to the peak of its inflation.
+# Two percent become ten, because the balloon is inflated to just below the peak of its pressure.
 print(f"{snapped.size} of 500 snap, at {snapped.mean():.2f} ± {snapped.std():.2f} kV")

@@ -2,8 +2,8 @@
 Can it pass the limit point without a snap?
 ===========================================
 
-Feed the electrodes with a charge in place of a voltage. As the film grows its capacitance grows, so the
-voltage falls by itself, and nothing snaps.
+Yes, if you give the charge on the electrodes instead of the voltage. The capacitance grows with the stretch,
+so the voltage falls by itself, and the balloon does not snap.
 """
 
 import matplotlib.pyplot as plt
@@ -22,5 +22,6 @@ axes.legend()
 plt.show()
 
 # %%
-# Both have the same equilibria. The charge goes through those that no voltage can hold.
+# Both devices have the same equilibria. With a given charge, the balloon also goes through those that
+# are unstable at a given voltage.
 print("largest voltage:", by_voltage.voltage.max().round(4), "and", by_charge.voltage.max().round(4))

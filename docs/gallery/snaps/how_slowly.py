@@ -2,8 +2,8 @@
 How slowly must the voltage rise?
 =================================
 
-A quasi-static history has no speed. With ``[dynamics]`` there is one: a balloon that takes its time snaps
-late, and the delay shrinks with the speed.
+In a quasi-static history the speed of the voltage does not matter. With ``[dynamics]`` it does: a balloon
+needs time to move and snaps late. The more slowly the voltage rises, the smaller is the delay in voltage.
 """
 
 import matplotlib.pyplot as plt

@@ -2,8 +2,8 @@
 Can a snap come late?
 =====================
 
-Real films creep. Raise the voltage to a little more than the limit point of the relaxed film, hold it
-there, and wait.
+Yes, because real films creep. We raise the voltage to a little more than the limit point of the relaxed film,
+hold it there, and wait.
 """
 
 import matplotlib.pyplot as plt
@@ -22,5 +22,5 @@ axes.legend()
 plt.show()
 
 # %%
-# The closer the voltage to the limit point, the longer it takes: the balloon lingers where the state was
-# lost.
+# The closer the voltage is to the limit point, the longer the snap takes to come. The balloon moves slowly
+# where the stable state has just disappeared.

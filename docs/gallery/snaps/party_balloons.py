@@ -2,8 +2,8 @@
 Why is a party balloon hard to start?
 =====================================
 
-Its pressure rises, falls, and rises again. Two equal balloons on one tube cannot stay equal on the falling
-part: one grows and the other shrinks.
+While a balloon is inflated, its pressure rises, falls, and rises again. You must first get over the peak. Two
+equal balloons on one tube cannot stay equal on the falling part: one grows and the other shrinks.
 """
 
 import matplotlib.pyplot as plt
@@ -25,4 +25,4 @@ axes.set(xlabel="stretch λ", ylabel="pressure PR/(μH)", title="A Gent balloon,
 plt.show()
 
 # %%
-# At the peak the stretch is 1.397. Blow harder than 1.254, and the balloon jumps to a stretch of 6.2.
+# The peak is at a stretch of 1.397. If the pressure exceeds 1.254, the balloon snaps to a stretch of 6.2.

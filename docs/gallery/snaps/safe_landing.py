@@ -2,8 +2,8 @@
 How does a giant snap land safely?
 ==================================
 
-The voltage that makes a balloon snap is more than what holds it where it lands. So it drops while the
-balloon snaps.
+The voltage that makes a balloon snap is higher than the voltage that it needs at its new stretch. So we
+lower the voltage while the balloon snaps. This leaves a larger margin to breakdown.
 """
 
 import matplotlib.pyplot as plt

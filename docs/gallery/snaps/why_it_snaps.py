@@ -2,8 +2,8 @@
 Why does it snap there?
 =======================
 
-A history shows what happens. The equilibrium path behind it shows why: it turns round in the voltage, and
-beyond the turn there is no state close by.
+A history shows what happens, and the path of all equilibria shows why. The path turns round at a
+largest or smallest voltage. Beyond that voltage there is no equilibrium close by, and the balloon must snap.
 """
 
 import matplotlib.pyplot as plt
@@ -18,7 +18,7 @@ axes.plot(history.voltage[:, 0], history.stretch[:, 0], color="orange", lw=5, al
 plt.show()
 
 # %%
-# The blue path has two turns, at 0.360 and 0.270. The orange history goes up at the first and down at the
-# second, and leaves out what is unstable in between.
+# The blue path has two turns, at the voltages 0.360 and 0.270. The orange history snaps up at the first and
+# down at the second. It leaves out the unstable states in between.
 for point in path.points:
     print(f"{point.kind:20} voltage {point.voltage[0]:.4f}  stretch {point.stretch[0]:.3f}")
