@@ -230,6 +230,11 @@ def _sleeps() -> None:
     time.sleep(60.0)
 
 
+def _spins() -> None:
+    while True:
+        pass
+
+
 def _dies() -> None:
     import os
 
@@ -244,8 +249,10 @@ def _prints() -> int:
 
 
 def test_runs_that_hang_or_die_are_told_from_others() -> None:
+    with Runner(0.05) as runner:
+        assert runner.call(_sleeps).end == "hang"  # by the clock, twenty times later
     with Runner(0.5) as runner:
-        assert runner.call(_sleeps).end == "hang"
+        assert runner.call(_spins).end == "hang"
         assert runner.call(_dies).end == "crash"
         ran = runner.call(_prints)
         assert (ran.end, ran.value, ran.printed) == ("returned", 7, "from C\n")
