@@ -168,8 +168,9 @@ class _Player:
     def _move(self, drive: Drive, start: float, part: Part) -> None:
         """One part of the drive: what is beyond its limit already, and then the flow."""
         self.clock = start + part.begin
+        before = self.pressure
         self.pressure = self.motion.pressure(0.0, self.state, drive)
-        taut = self._check(drive)
+        taut = self._check(drive, before)
         if self.ended or part.lasts == 0.0:
             return
         drive = replace(drive, taut=taut)
@@ -192,11 +193,14 @@ class _Player:
         self.pressure = self.motion.pressure(part.lasts, self.state, drive)
         self.stable = min(self.motion.stability(part.lasts, self.state, drive)) >= 0.0
 
-    def _check(self, drive: Drive) -> bool:
-        """Note margins that are negative before anything moves; return whether to watch the tension."""
+    def _check(self, drive: Drive, before: float) -> bool:
+        """Note margins that are negative before anything moves; return whether to watch the tension.
+
+        `before` is the pressure until then.
+        """
         taut = True
         if drive.liquid and self.pressure < -_NO_PRESSURE:
-            self.voltage = self.held
+            self.voltage, self.pressure = self.held, before
             self._note("loss_of_tension", 0)  # with the state before a jump: nothing has moved
             return taut
         ambient = max(self.ambient, 1.0 if drive.liquid else 0.0)
