@@ -67,6 +67,11 @@ def test_line_passes_through_both_ends(ends):
     assert max(line.rate, key=abs) == 1.0
 
 
+def test_what_rounding_leaves_of_a_ramp_is_no_change():
+    line = VoltageLine.through((-0.9299999999999999, 1.044), (-0.93, -0.93))
+    assert (line.moves, line.offset[0]) == ((False, True), -0.9299999999999999)
+
+
 def test_line_there_and_back_is_one_line():
     assert VoltageLine.through([0.1, 0.0], [0.1, 0.4]) == VoltageLine.through([0.1, 0.4], [0.1, 0.0])
     assert VoltageLine.through([0.0], [0.4]) == VoltageLine.common(1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from scipy.linalg import null_space
@@ -321,3 +323,26 @@ def test_in_motion_tension_is_lost_where_the_valve_is_closed_on_growing_balloons
     assert (kinds(lost), lost.events[0].time) == (["loss_of_tension"], 1.0)
     off = sealed_without_pressure({"jump": 0.0}, {"hold": 1.0}, **slow)
     assert (kinds(off), off.outcome) == ([], "completed")
+
+
+def test_an_event_has_the_voltage_that_it_happens_at_though_another_one_moves_by_rounding():
+    """With the valve open each balloon has a limit point of its own, whatever the other one does."""
+    gent = {"model": "gent", "J_lim": 100}
+    balloons = [
+        {"name": n, "radius": r, "electrodes": True, "elastomer": gent} for n, r in (("a", 1), ("b", 1.1))
+    ]
+
+    def snap(last: float) -> float:
+        opened = {"valve": "open", "over": 1.0}
+        steps = [
+            {"inflate": 1.0},
+            {"ramp": {"a": -0.1, "b": 0.1}, **opened},
+            {"ramp": {"a": last, "b": 0.6}, **opened},
+        ]
+        gas = {"ambient_pressure": 0.0}
+        history = run(load_scenario({"title": "t", "gas": gas, "balloon": balloons, "step": steps}))
+        assert kinds(history) == ["limit_point"]
+        return float(history.events[0].voltage[1])
+
+    assert snap(math.nextafter(-0.1, 0.0)) == pytest.approx(snap(-0.1), rel=1e-12)
+    assert snap(-0.1) == pytest.approx(0.2355806, abs=1e-7)

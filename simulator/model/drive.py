@@ -126,7 +126,10 @@ class VoltageLine:
         cls, start: Sequence[float], end: Sequence[float], quantity: Quantity = "voltage"
     ) -> VoltageLine:
         """The line from one set of values to another; from a set to itself, that set at any v."""
-        change = [b - a for a, b in zip(start, end, strict=True)]
+        # What rounding has left of an earlier ramp to the same value is no change.
+        change = [
+            0.0 if math.isclose(a, b, rel_tol=_ROUNDING) else b - a for a, b in zip(start, end, strict=True)
+        ]
         largest = max(change, key=abs)
         if largest == 0.0:
             return cls.still(start, quantity)
