@@ -28,6 +28,7 @@ from simulator.scenario.fields import Chosen, Float, Frozen, Int, Text, problems
 from simulator.scenario.keys import all_keys
 from simulator.scenario.mapping import near, number_and_unit
 from simulator.scenario.reading import check_kind, read_toml
+from simulator.scenario.recordings import DecimalSign, LinesBefore, Separator
 from simulator.units import DIMENSIONS, read_si
 
 _TRIED = 21  # values between the bounds, where a start is refused
@@ -74,16 +75,9 @@ class DataTable(Frozen):
         default_factory=dict
     )
     step: Annotated[Int | None, Field(ge=1, description="a whole number >= 1")] = None
-    separator: Annotated[
-        str,
-        Field(
-            strict=True,
-            pattern=r"^[^\w.+\-\"\r\n]$",
-            description='one character such as ";" or "\\t"; " " is any white space',
-        ),
-    ] = ","
-    decimal: Annotated[Literal[".", ","], Field(description='"." or ","')] = "."
-    skip: Annotated[Int, Field(ge=0, description="a whole number >= 0")] = 0
+    separator: Separator = ","
+    decimal: DecimalSign = "."
+    skip: LinesBefore = 0
     offset: Annotated[Quantity, Field(description="a time")] = (0.0, "")
     event: Annotated[
         dict[str, Any] | None,

@@ -41,6 +41,19 @@ _ZERO = 4 * np.finfo(np.float64).eps  # of a time: what rounding leaves of it wh
 _ONE_CORNER = 1e-12  # rows of two recordings closer than this part of the whole time are one
 
 
+# How a CSV file is written: what recordings and the data of fits have in common.
+Separator = Annotated[
+    str,
+    Field(
+        strict=True,
+        pattern=r"^[^\w.+\-\"\r\n]$",
+        description='one character such as ";" or "\\t"; " " is any white space',
+    ),
+]
+DecimalSign = Annotated[Literal[".", ","], Field(description='"." or ","')]
+LinesBefore = Annotated[Int, Field(ge=0, description="a whole number >= 0")]
+
+
 def _units(value: Any, _: ValidationInfo) -> dict[str, str]:
     if not isinstance(value, Mapping):
         raise refused(f"must be {_OF_COLUMNS}", value)
@@ -63,16 +76,9 @@ class Recording(Frozen):
     ]
     time: Annotated[Text | None, Field(description="the name of a column")] = None
     voltage: Annotated[Text | None, Field(description="the name of a column")] = None
-    separator: Annotated[
-        str,
-        Field(
-            strict=True,
-            pattern=r"^[^\w.+\-\"\r\n]$",
-            description='one character such as ";" or "\\t"; " " is any white space',
-        ),
-    ] = ","
-    decimal: Annotated[Literal[".", ","], Field(description='"." or ","')] = "."
-    skip: Annotated[Int, Field(ge=0, description="a whole number >= 0")] = 0
+    separator: Separator = ","
+    decimal: DecimalSign = "."
+    skip: LinesBefore = 0
     offset: Annotated[Number, Measured(TIME)] = 0.0
     units: Annotated[dict[str, str], Chosen(_units), Field(description=_OF_COLUMNS)] = Field(
         default_factory=dict
